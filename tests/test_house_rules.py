@@ -54,7 +54,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
-    "app": {"results", "campaign", "design", "plan", "exercise"},  # what it shows of each, while it is at work
+    "app": {"results", "campaign", "dataset", "design", "plan", "exercise"},  # shown while at work
     "dataset": {"campaign", "gap"},
     "project": set(),
 }

@@ -169,7 +169,7 @@ def _plan(path: Path, given: Mapping[str, Any], unit: float, foils: Mapping[str,
             continue
         letter = {"wing": "W", "tail": "H", "fin": "V"}[surface]
         x, z = (unit * _one(at, f"{axis}{letter}", 0.0) for axis in "XZ")
-        made: dict[str, Any] = {"section": _sections(path, name, given[name], unit, x, z, surface == "fin", at)}
+        made: dict[str, Any] = {"section": _sections(path, name, given[name], unit, (x, z), surface == "fin", at)}
         made |= {"airfoil": foils[surface]} if surface in foils else {}
         if surface == "fin":
             out["fin"] = [made]
@@ -194,10 +194,11 @@ def _plan(path: Path, given: Mapping[str, Any], unit: float, foils: Mapping[str,
 
 
 def _sections(
-    path: Path, name: str, p: Mapping[str, list[float]], unit: float, x: float, z: float, upright: bool,
+    path: Path, name: str, p: Mapping[str, list[float]], unit: float, apex_m: tuple[float, float], upright: bool,
     at: Mapping[str, list[float]],
 ) -> list[dict[str, float]]:  # fmt: skip
     """Return the sections of a planform from the middle, of a fin from where it leaves the body, to the tip, m."""
+    x, z = apex_m
     span, root, tip = (_need(path, name, p, key) for key in ("SSPN", "CHRDR", "CHRDTP"))
     outer = _one(p, "SSPNOP", 0.0)
     share = _one(p, "CHSTAT", 0.0)

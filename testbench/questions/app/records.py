@@ -19,7 +19,7 @@ import numpy as np
 from testbench.aircraft.outline import faces, usual
 from testbench.core.channels import CONTROLS
 from testbench.core.door import read_json, read_toml
-from testbench.core.errors import RecordError, ScenarioError, TestbenchError
+from testbench.core.errors import RecordError, Refusal, ScenarioError
 from testbench.core.paths import AIRCRAFT, resolve
 from testbench.core.project import FILE
 from testbench.core.record import FlightRecord, FloatArray, load_record
@@ -276,10 +276,10 @@ def _craft(folder: Path, one: Shown) -> dict[str, Any]:
     made = one.record.provenance
     names = [made["truth"].get("aircraft") if isinstance(made.get("truth"), Mapping) else made.get("aircraft")]
     for file in (*sorted(one.place.glob("*.toml")), folder / FILE):
-        with suppress(TestbenchError):
+        with suppress(Refusal):
             names.append(read_toml(file).get("aircraft") if file.is_file() else None)
     for name in names:
-        with suppress(TestbenchError):
+        with suppress(Refusal):
             aircraft = load_aircraft(resolve(name, AIRCRAFT, folder)) if isinstance(name, str) else None
             if aircraft is not None and aircraft.outline is not None:
                 return {

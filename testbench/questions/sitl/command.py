@@ -89,7 +89,7 @@ def command(
                 say(f"{name}: {outputs.said.get(name, 'no output drives it, it stays at its trim')}")
             say(STAND_INS)
             try:
-                serve(served, outputs, to.value, address, where, idle or math.inf, say, pace)
+                serve(served, outputs, to.value, (address, where), idle or math.inf, say, pace)
             except KeyboardInterrupt:
                 say("ended by hand")
         served.end()

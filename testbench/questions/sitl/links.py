@@ -51,8 +51,7 @@ def serve(
     served: Served,
     outputs: Outputs,
     autopilot: str,
-    address: str,
-    port: int,
+    at: tuple[str, int],
     idle_s: float = math.inf,
     say: Say = print,
     speed: float = 1.0,
@@ -63,8 +62,7 @@ def serve(
         served: the aircraft, at its trim.
         outputs: what the autopilot's outputs mean.
         autopilot: "ardupilot" or "px4".
-        address: where to listen.
-        port: where to listen.
+        at: address and port where to listen.
         idle_s: without a packet, s of the clock.
         say: called with a sentence where something begins or ends.
         speed: of PX4's clock over ours; ArduPilot keeps time itself.
@@ -76,8 +74,8 @@ def serve(
     if autopilot == "px4":
         dialect()
     kind = socket.SOCK_STREAM if autopilot == "px4" else socket.SOCK_DGRAM
-    with _listening(kind, address, port) as link:
-        say(f"waiting for {'PX4' if autopilot == 'px4' else 'ArduPilot'} at {address}, port {port}")
+    with _listening(kind, *at) as link:
+        say(f"waiting for {'PX4' if autopilot == 'px4' else 'ArduPilot'} at {at[0]}, port {at[1]}")
         if autopilot == "px4":
             _serve_px4(link, served, outputs, idle_s, speed, _Teller(served, say))
         else:

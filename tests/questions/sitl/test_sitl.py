@@ -64,7 +64,7 @@ def serving(served, autopilot="ardupilot", outputs=None, speed=1e9):
 
     def run():
         try:
-            serve(served, outputs, autopilot, "127.0.0.1", port, patience, said.append, speed)
+            serve(served, outputs, autopilot, ("127.0.0.1", port), patience, said.append, speed)
         except BaseException as error:
             faults.append(error)
 
