@@ -38,7 +38,7 @@ class Told(NamedTuple):
     Attributes:
         axes: "frd" or "flu", those of its vectors (see vectors.py).
         units: channel -> unit of its column, for a table that states none, or a wrong one.
-        part: which record of a description, if it has several.
+        part: which record of a description, or flight of a blackbox, if it has several.
 
     Example:
         >>> import testbench as tb
@@ -139,14 +139,14 @@ def read_recording(path: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
     return replace(log, kind=kind, warnings=(*log.warnings, *cut)), rules
 
 
-def read_recorder(path: Path, part: str | None = None, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
+def read_recorder(path: Path, told: Told = NOTHING) -> tuple[Log, tuple[Rule, ...]]:
     """Read a flight of a blackbox of Betaflight or iNav as the table that blackbox_decode makes of it; and its rules.
 
     Raises:
-        RecordError: it is damaged beyond use, or has no flight of the number ``part``.
+        RecordError: it is damaged beyond use, or has no flight of the number ``told.part``.
         MissingPackage: orangebox is not installed.
     """
-    flight = read_blackbox(path, part)
+    flight = read_blackbox(path, told.part)
     log, rules = _plain(path, flight.table, list(flight.warnings), told)
     facts = {**log.facts, **flight.facts}
     kind = f"a recording of {flight.facts.get('firmware', 'Betaflight or iNav')} (blackbox)"

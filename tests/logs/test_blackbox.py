@@ -12,6 +12,7 @@ import pytest
 
 from testbench.core.errors import MissingPackage, RecordError
 from testbench.logs.blackbox import read_blackbox
+from testbench.logs.sidpac import Told
 from testbench.questions.importing.ask import import_log
 
 ONE_G, EVERY = 512, 32  # counts; frames from one I to the next
@@ -251,9 +252,9 @@ def test_a_file_of_several_flights(tmp_path):
     assert "4 flights; number 3 is read, the longest" in found.notes[0]
     assert len(read_blackbox(path, "2").table) == 300
     with pytest.raises(RecordError, match=r"--record must be the number of a flight in .* 1 to 4, got '5'"):
-        import_log(path, part="5")
+        import_log(path, told=Told(part="5"))
     with pytest.raises(RecordError, match=r"flight 1 of .* must hold 4 whole frames, got 0 .* --record"):
-        import_log(path, part="1")
+        import_log(path, told=Told(part="1"))
 
 
 def test_the_clock_of_32_bits_wraps(tmp_path):

@@ -310,7 +310,7 @@ def read_log(path: Path | str, told: Told = NOTHING) -> tuple[Log, tuple[Rule, .
     if is_bag(path, head):
         return read_recording(path, told)
     if head.startswith(BLACKBOX):
-        return read_recorder(path, told.part, told)
+        return read_recorder(path, told)
     if (told.axes or told.units) and path.suffix.lower() not in SUFFIXES:
         raise RecordError(f"--unit and --axes are for tables ({', '.join(SUFFIXES)}), which '{path}' is not")
     suffix = path.suffix.lower()
