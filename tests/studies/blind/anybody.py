@@ -452,7 +452,7 @@ def _any(name: str, rng: np.random.Generator) -> Case:
 def believed_aircraft(name: str) -> Aircraft:
     """Return what is believed to fly; the one from a plan is made by the testbench as a user would."""
     if name != "uav":
-        return load_aircraft(name, "rigid")
+        return load_aircraft(name, "rigid", commanded_at="surface")  # as when the draws were sealed
     made_of = hashlib.sha256(GEOMETRY.read_bytes()).hexdigest()[:12]
     folder = Path(tempfile.gettempdir()) / f"blind-uav-{made_of}"
     if not folder.exists():
