@@ -11,7 +11,7 @@ from testbench.core.errors import RecordError, Refusal
 from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import NonNegative, Strict
 from testbench.questions.hidden import Hidden
-from testbench.sensors import load_suite
+from testbench.sensors import SensorSuite, load_suite
 
 Windows = float | Literal["auto", "off"]
 """Length of the windows, s; "auto" cuts what does not begin with quiet flight, by the fastest unstable mode."""
@@ -102,8 +102,8 @@ class GapScenario(FlownAt):
     drive: Drive = "both"
 
     def faults(self) -> list[str]:
-        """Return what is wrong with effects that are searched or hidden, as far as texts tell; none of them is run."""
-        if not (self.effects or self.more_effects or self.hidden):
+        """Return what is wrong with effects and what moves, as far as texts tell; no effect is run."""
+        if not (self.effects or self.more_effects or self.hidden or self.manoeuvre):
             return []
         from testbench.questions.gap.brought import faults
 
@@ -113,9 +113,33 @@ class GapScenario(FlownAt):
             suite = None  # which is said where the suite is needed
         keys = {"effects": self.effects or (), "more_effects": self.more_effects}
         found = [f"{key}: {fault}" for key, names in keys.items() for fault in faults(names, suite, self.file)]
+        if suite is not None:
+            found += self._not_recorded(suite)
         if self.hidden is not None and suite is not None:
             found += self.hidden.faults(self, suite, [m.name for m in self.manoeuvre])
         return [f"{self.file}, {fault}" if self.file else fault for fault in found]
+
+    def _not_recorded(self, suite: SensorSuite) -> list[str]:
+        """Return which controls move that no sensor records, whose influence would look like a missing effect.
+
+        Also a rate of the suite that does not divide that of the simulation.
+        """
+        from testbench.flight.simulate import stride
+
+        recorded = {channel.removesuffix("_cmd") for channel in suite.channels}
+        found: list[str] = []
+        if self.manoeuvre and self.simulation.rate_hz is not None:
+            try:
+                stride(self.simulation.rate_hz, suite.rate_hz)
+            except Refusal as refused:
+                found.append(f"simulation.rate_hz: {refused}")
+        found += [
+            f"manoeuvre '{m.name}', input: a control that moves must be recorded, but '{self.suite}' has no sensor of "
+            f"{name} or {name}_cmd; add a command_log of {name}_cmd to the suite, or move another control"
+            for m in self.manoeuvre
+            for name in sorted({i.control for i in m.input} - recorded)
+        ]
+        return found
 
     @model_validator(mode="after")
     def _one_source_with_both_uses(self) -> GapScenario:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studies.reliability.small import GAP
 
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
@@ -157,3 +158,15 @@ def test_what_breaks_a_law_is_told_with_file_and_key_before_anything_flies(tmp_p
     with pytest.raises(ScenarioError, match=said) as caught:
         case(tmp_path, table)
     assert all(f.startswith(str(tmp_path / "case.toml")) for f in caught.value.faults)
+
+
+def test_what_moves_unrecorded_and_a_rate_that_does_not_divide_are_told_before_anything_flies(tmp_path):
+    """The search would find something unknown: a throttle that the suite does not record moved the aircraft."""
+    bad = GAP.replace("eolo_gap", "taurus_8hz").replace("rate_hz = 100.0", "rate_hz = 60.0")
+    (tmp_path / "case.toml").write_text(bad, encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        GapScenario.load(tmp_path / "case.toml")
+    rate, *moved = caught.value.faults
+    assert "simulation.rate_hz: a log rate must divide" in rate
+    assert [f.split("'")[1] for f in moved] == ["throttle doublet", "elevator and throttle"]
+    assert all("no sensor of thr or thr_cmd" in f for f in moved)

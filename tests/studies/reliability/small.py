@@ -44,9 +44,9 @@ GAP = """
 title = "Thrust above the centre of gravity"
 aircraft = "taurus"
 wings = "rigid"
-suite = "taurus_8hz"
+suite = "eolo_gap"
 seed = 1
-simulation = { rate_hz = 64.0 }
+simulation = { rate_hz = 100.0 }
 effects = ["thrust_line"]
 condition = { V_m_s = 13.0, h_m = 100.0 }
 hidden = { effects = [{ effect = "thrust_line", z_m = 0.05 }] }
