@@ -76,6 +76,7 @@ _SAME = 0.01  # change of ln s below which they are at rest
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step, tried in turn
 _FORM_S = 2.0  # between the knots of what modulates a form error: slower than the motion, quicker than a record
 _AT_REST = 0.02  # in ln p: rounds end where another one promises less
+_CREEPS = 0.25  # share of what the round before promised, beyond which tangents are made afresh
 _NEARBY = 1.0  # in ln p: tangents made afresh hold beyond a step that promises less
 _SKEW = 0.2  # in ln p at one standard error: beyond it the posterior is sampled
 _SEGMENT_S = 1.0  # of records, whose log-likelihoods tell how sure a difference is
@@ -471,6 +472,7 @@ class Fit:
         come near if all rounds that are left gained as much as the promise moved in the last one.
         """
         here, data, hold, last = self, self.data, beyond is not None, -math.inf
+        promises = {self.k: math.inf}  # of the round before, by its size of the unknown motion
         for done in range(_ROUNDS):
             step, promised = here._step()
             reach, last = here.promised + (_ROUNDS - done) * abs(here.promised - last), here.promised
@@ -480,7 +482,10 @@ class Fit:
             far = not hold and here.promised < data.most - _HOPELESS
             if done >= _PATIENCE and not hold and here.promised < data.least:
                 break
-            if promised < _AT_REST:
+            # A fit with tangents of elsewhere creeps: its rounds would end before it is at rest.
+            creeps = not far and not here.fresh and promised > _CREEPS * promises.get(here.k, math.inf)
+            promises = {here.k: promised}
+            if promised < _AT_REST or creeps:
                 if here.fresh or far:
                     break
                 here = yield from here._linearised(here.theta, form=False, fresh=True)

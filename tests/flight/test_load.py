@@ -75,7 +75,7 @@ def test_a_surface_that_turns_the_aircraft_the_wrong_way_is_refused(tmp_path):
         i, j = tail.index("<value>") + len("<value>"), tail.index("</value>")
         turned = f'{head}name="aero/coefficient/{name}"{tail[:i]}{-float(tail[i:j])}{tail[j:]}'
         (folder / "taurus.xml").write_text(turned, encoding="utf-8")
-        with pytest.raises(ModelError, match=rf"a positive {name[-2:]} .* the other way"):
+        with pytest.raises(ModelError, match=rf"a positive {name[-2:]} .* in the opposite direction"):
             load_aircraft(folder)
 
 

@@ -22,7 +22,7 @@ MOST_MS = 1000.0
 
 def plate(views: list[View], name: str = "one") -> Plate:
     chart = Chart([[Panel(draws=[Curve(x=[0.0, 1.0], y=[0.0, 1.0])])]])
-    return Plate(name, "A figure", "Its caption.", chart, lambda: views)
+    return Plate(name, "A figure", "Its caption.", chart, views)
 
 
 def flight(seconds: float = 20.0, rate: float = 50.0, channels: int = 3, name: str = "model") -> list[View]:

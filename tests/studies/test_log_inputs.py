@@ -37,4 +37,4 @@ def test_knots_and_feet_without_a_word_are_asked_together(tmp_path):
     writer = next(w for w in log_inputs.WRITERS if "knots and feet" in w.name)
     asked = log_inputs.import_log(log_inputs.write(writer, log_inputs.flight(), tmp_path)).asked
     given = log_inputs.answered(asked)
-    assert given["units"] == {"V": "kt", "h": "ft"}
+    assert given["told"].units == {"V": "kt", "h": "ft"}

@@ -93,7 +93,7 @@ def test_model_files_are_read_with_their_meaning(tmp_path):
     model_file(folder / "models" / "b.json", ("M_q",), (-2.0,), [[0.01]], **more)
     flown = known_after([folder], 12.0)
     assert flown.covariance[0, 0] == pytest.approx(0.09)  # the flown error counts where it exceeds the stated one
-    assert [n for n in flown.notes if "distrusts" in n]
+    assert [n for n in flown.notes if "has doubts about its model" in n]
     assert not [n for n in flown.notes if "speed" in n]
     with pytest.raises(EstimationError, match=r"speed of the design, 14 m/s, got 12\.1 m/s"):
         known_after([folder], 14.0)

@@ -62,7 +62,7 @@ def test_off_by():
     assert off_by(1.2, 1.0, "s") == "too large by 20 %"
     assert off_by(0.1, 1.0, "s") == "too small by a factor of 10"
     assert off_by(0.0, 1.0, "s") == "too small: the value is not zero"
-    assert off_by(0.5, 0.0, "s") == "off by +0.5 s"
+    assert off_by(0.5, 0.0, "s") == "an error of +0.5 s"
     assert off_by(-0.5, 1.0, "s") == "of the wrong sign"
 
 

@@ -120,7 +120,7 @@ def test_what_is_no_effect_is_a_fault_of_the_scenario(folder, name, words):
 
 def test_a_name_that_the_library_has_is_refused(folder):
     changed(folder, 'name="banner"', 'name="drag_increment"')
-    with pytest.raises(ScenarioError, match="must have a name of its own, got 'drag_increment'"):
+    with pytest.raises(ScenarioError, match="must have its own name, got 'drag_increment'"):
         choose(load_suite("eolo_gap"), None, ("my_effect.py:EFFECT",))
 
 

@@ -55,7 +55,7 @@ def test_functions_are_near_the_tables_and_held_out_flights_follow(found):
 def test_the_page_says_what_holds_and_where(found):
     said = [line.text for line in global_answer(found)]
     assert "6 coefficients of T38" in said[0]
-    assert any("eld-out log3: missed by CL" in s for s in said)
+    assert any("eld-out log3: errors of CL" in s for s in said)
     assert any("does not answer" in s for s in said)
     assert [r[0] for r in held_table(found).rows] == list(COEFFICIENTS)
     assert len(terms_table(found).rows) == sum(len(f.terms) for f in found.model.functions.values())

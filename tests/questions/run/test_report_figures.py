@@ -102,7 +102,7 @@ def test_many_records_are_spread_over_several_plates(make_result) -> None:
         identification=first.identification * 5,
         evaluation=replace(first.evaluation, identification=replace(scores, predictions=scores.predictions * 5)),
     )
-    found = history_plates(replace(base, cases=(many,)))
+    found = history_plates(replace(base, cases=(many,), flights=base.flights * 5))
     assert [p.name for p in found] == ["time_histories_1", "time_histories_2"]
     assert all("</svg>" in p.draw(wide, png=False).svg for p in found for wide in (True, False))
 
@@ -120,7 +120,7 @@ def test_of_many_records_the_worst_predicted_are_drawn(make_result) -> None:
         evaluation=replace(first.evaluation, identification=replace(scores, predictions=predictions)),
     )
     assert _worst(many, "identification") == sorted(drawn)
-    found = history_plates(replace(base, cases=(many,)))
+    found = history_plates(replace(base, cases=(many,), flights=base.flights * count))
     total = count + len(first.validation)
     assert all(f"Of {total} records" in plate.caption and "predicts worst" in plate.caption for plate in found)
     assert len(found) == math.ceil((len(drawn) + len(first.validation)) / 3)
