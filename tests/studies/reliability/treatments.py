@@ -56,6 +56,9 @@ _TIMES = {
 """File -> what of it is processor time, which no two runs have in common."""
 _DATED = (".html", ".csv", ".json")  # an index says when results were written, in the user's time zone
 _LINE = re.compile(
+    r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept|"
+    r"finished results are kept)"
+)
     r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept|finished results are kept)"
 )
 _NUMBER = re.compile(r"[\d.]+ *")  # a terminal shows times, too
