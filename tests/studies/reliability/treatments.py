@@ -59,8 +59,6 @@ _LINE = re.compile(
     r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept|"
     r"finished results are kept)"
 )
-    r"(\.\.\. |note: |  |error: |interrupted|ended by|finished runs are kept|what is finished is kept|finished results are kept)"
-)
 _NUMBER = re.compile(r"[\d.]+ *")  # a terminal shows times, too
 Found = tuple[str, str]
 
