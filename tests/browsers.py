@@ -1,5 +1,6 @@
 """Chromium for tests of pages; without it, or without playwright, they are left out."""
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,12 @@ import pytest
 BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 
 
+def launched(p: Any) -> Any:
+    """Return a new browser of playwright; its socket lies in /tmp, as a path of one has at most 107 letters."""
+    short = {**os.environ, "TMPDIR": "/tmp"}
+    return p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"], env=short)
+
+
 @contextmanager
 def chromium() -> Iterator[Any]:
     """Give a running browser of playwright, or skip the test that asks for it."""
@@ -17,7 +24,7 @@ def chromium() -> Iterator[Any]:
     if BROWSER is None:
         pytest.skip("the pages need Chromium to be tried")
     with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        running = launched(p)
         yield running
         running.close()
 

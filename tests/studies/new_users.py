@@ -26,7 +26,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from browsers import BROWSER
+from browsers import launched
 from clock import since
 from flown_logs import LOGS, fly
 from smallest import results, sized
@@ -158,7 +158,7 @@ def main() -> None:
     every = {"log": log_to_derivatives, "aircraft": aircraft_to_card, "campaign": campaign_watched}
     journeys = sized(every, {"aircraft": aircraft_to_card})
     with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        browser = launched(p)
         for kind, journey in journeys.items():
             with TemporaryDirectory() as work, Workbench(Path(work)) as bench, _served(bench) as server:
                 at, page = f"http://127.0.0.1:{server.server_port}{bench.home}", browser.new_context().new_page()

@@ -7,7 +7,6 @@ screenshots at 400, 800 and 1280 px, light, dark and for print if asked, and end
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from testbench.page.words import MOST_WORDS
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from browsers import BROWSER
+from browsers import launched
 from smallest import sized
 
 WIDTHS = (400, 800, 1280)  # px
@@ -107,8 +106,7 @@ def main() -> int:
     files = files[: sized(None, 1)]
     axe, bad = given.axe.read_text(encoding="utf-8"), 0
     with sync_playwright() as p:
-        short = {**os.environ, "TMPDIR": "/tmp"}  # Chromium's socket lies there, whose path has at most 107 letters
-        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"], env=short)
+        browser = launched(p)
         for file in files:
             context = browser.new_context(viewport={"width": WIDTHS[-1], "height": 900}, bypass_csp=True)
             page = context.new_page()
