@@ -295,7 +295,7 @@ def test_a_campaign_is_watched_stopped_and_resumed(bench, browser):
 @pytest.mark.slow  # some hundred flights are drawn
 def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     """Draws and failed attempts arrive; those of a level, and the failed, are chosen; a flight is looked at."""
-    hard = SMALL.replace("[1.0, 1.2]", "[0.6, 1.2]").replace("flights = 60", "flights = 300")
+    hard = SMALL.replace("[1.0, 1.2]", "[0.6, 1.2]").replace("flights = 60", "flights = 3000")
     (bench.folder / "hard.toml").write_text(hard, encoding="utf-8")
     context = browser.new_context(viewport={"width": 400, "height": 800})
     page = context.new_page()
@@ -309,7 +309,7 @@ def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     counts = page.locator("#counts")
     counts.filter(has_text="not at work").wait_for(timeout=60_000)
     kept = page.locator("#done").evaluate("e => e.value")
-    assert 0 < kept < 300
+    assert 0 < kept < 3000
     failed = page.evaluate("[...campaign.rows.values()].filter(r => r.failed).length")
     page.get_by_role("button", name=f"failed: {failed}").press("Enter")
     page.get_by_text(f"{failed} of {int(kept) // 2 + failed} runs.").wait_for()
@@ -317,7 +317,7 @@ def test_a_data_set_is_watched_stopped_and_resumed_by_keyboard(bench, browser):
     assert "TrimError" in page.locator("#detail").inner_text()
     page.get_by_role("button", name=f"failed: {failed}").press("Enter")
     page.get_by_role("button", name="Resume").press("Enter")
-    counts.filter(has_text="300 of 300 flights").wait_for(timeout=300_000)
+    counts.filter(has_text="3000 of 3000 flights").wait_for(timeout=300_000)
     page.get_by_role("button", name="hidden: ").press("Enter")
     page.locator("#table tbody button").first.press("Enter")
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
@@ -367,7 +367,7 @@ def test_from_a_gap_to_the_amended_aircraft_by_keyboard(bench, browser):
     fits(page)
     page.get_by_role("button", name="Look at the amended aircraft").press("Enter")
     page.get_by_text("testbench aircraft results/gap_mine/amended/taurus --out results").first.wait_for()
-    page.get_by_role("heading", name="taurus").first.wait_for(timeout=300_000)
+    page.get_by_role("heading", name="Taurus-like").first.wait_for(timeout=300_000)
     fits(page)
     page.get_by_role("button", name="The whole page").first.press("Enter")
     assert "taurus" in page.frame_locator("#frame").locator("h1").inner_text().lower()
