@@ -352,16 +352,20 @@ class Course:
         left = sum(seconds[n] for n in order), sum(seconds[n] * k for n, k in printed.items())
         return Outlook(order[0] if order else 0, gains, spare, tuple(order), *left, tuple(sorted(lost)))
 
+    def _fastest(self, flown: Mapping[int, int]) -> float:
+        """Return the highest speed of a card that has been flown, m/s; 0 before the first."""
+        return max((self.cards[n].point.V_m_s for n, k in flown.items() if k and n in self.cards), default=0.0)
+
     def _allowed(self, flown: Mapping[int, int]) -> list[int]:
         """Return the cards that may be flown now: none is faster than the next speed of the build-up."""
         speeds = sorted({c.point.V_m_s for c in self.cards.values() if not self.plan.waits(c.point.V_m_s)})
-        fastest = max((self.cards[n].point.V_m_s for n, k in flown.items() if k and n in self.cards), default=0.0)
+        fastest = self._fastest(flown)
         most = next((V for V in speeds if fastest < V), math.inf)
         return [n for n, c in self.cards.items() if c.point.V_m_s in speeds and c.point.V_m_s <= most]
 
     def _step(self, may: list[int], flown: Mapping[int, int]) -> int:
         """Return the shortest card of the next speed, if what is still wanted may lie beyond it; 0 if there is none."""
-        fastest = max((self.cards[n].point.V_m_s for n, k in flown.items() if k and n in self.cards), default=0.0)
+        fastest = self._fastest(flown)
         new = [n for n in may if self.cards[n].point.V_m_s > fastest]
         return min(new, key=lambda n: self.cards[n].length_s, default=0)
 
