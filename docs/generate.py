@@ -131,12 +131,7 @@ def questions_page() -> str:
     """Return the table of questions, and the function of each with its docstring."""
     from testbench.questions import QUESTIONS
 
-    out = [
-        "# Questions",
-        "",
-        "Each with its command, its files and its Python function.",
-        "",
-    ]
+    out = ["# Questions", "", "Each with its command, its files and its Python function.", ""]
     out += ["| command | what it does | file | packaged files |", "|---|---|---|---|"]
     for q in QUESTIONS:
         folder = f"`scenarios/{q.folder}`".replace("/`", "`") if q.kind else ""

@@ -11,27 +11,13 @@ from testbench.estimators.parametric.structures.written import structure_from_eq
 from testbench.evaluation import Evaluation as Evaluation
 from testbench.evaluation import TrueSystem as TrueSystem
 from testbench.evaluation import evaluate as evaluate
-from testbench.flight import (
-    FlightCondition as FlightCondition,
-)
-from testbench.flight import (
-    LinearModel as LinearModel,
-)
-from testbench.flight import (
-    Manoeuvre as Manoeuvre,
-)
-from testbench.flight import (
-    Start as Start,
-)
-from testbench.flight import (
-    TrimmedFlight as TrimmedFlight,
-)
-from testbench.flight import (
-    fly as fly,
-)
-from testbench.flight import (
-    load_aircraft as load_aircraft,
-)
+from testbench.flight import FlightCondition as FlightCondition
+from testbench.flight import LinearModel as LinearModel
+from testbench.flight import Manoeuvre as Manoeuvre
+from testbench.flight import Start as Start
+from testbench.flight import TrimmedFlight as TrimmedFlight
+from testbench.flight import fly as fly
+from testbench.flight import load_aircraft as load_aircraft
 from testbench.flight.batch.as_jax import JaxAircraft as JaxAircraft
 from testbench.flight.batch.as_jax import as_jax as as_jax
 from testbench.flight.batch.fly import fly_many as fly_many
@@ -99,12 +85,8 @@ from testbench.questions.identify.amend.ask import amend as amend
 from testbench.questions.identify.amend.result import Amended as Amended
 from testbench.questions.identify.ask import identify as identify
 from testbench.questions.identify.ask import load_description as load_description
-from testbench.questions.identify.pool.ask import (
-    PooledFlights as PooledFlights,
-)
-from testbench.questions.identify.pool.ask import (
-    identify_and_pool as identify_and_pool,
-)
+from testbench.questions.identify.pool.ask import PooledFlights as PooledFlights
+from testbench.questions.identify.pool.ask import identify_and_pool as identify_and_pool
 from testbench.questions.identify.result import Identified as Identified
 from testbench.questions.identify.scenario import RecordDescription as RecordDescription
 from testbench.questions.importing.ask import Imported as Imported
@@ -113,19 +95,11 @@ from testbench.questions.modes.ask import fly_modes as fly_modes
 from testbench.questions.modes.result import ModesResult as ModesResult
 from testbench.questions.plan.ask import make_plan as make_plan
 from testbench.questions.plan.result import Plan as Plan
-from testbench.questions.results.ask import (
-    ResultsCompared as ResultsCompared,
-)
-from testbench.questions.results.ask import (
-    ResultSummary as ResultSummary,
-)
+from testbench.questions.results.ask import ResultsCompared as ResultsCompared
+from testbench.questions.results.ask import ResultSummary as ResultSummary
 from testbench.questions.results.ask import Verified as Verified
-from testbench.questions.results.ask import (
-    compare_results as compare_results,
-)
-from testbench.questions.results.ask import (
-    list_results as list_results,
-)
+from testbench.questions.results.ask import compare_results as compare_results
+from testbench.questions.results.ask import list_results as list_results
 from testbench.questions.results.ask import verify_results as verify_results
 from testbench.questions.run.ask import load_scenario as load_scenario
 from testbench.questions.run.ask import run as run

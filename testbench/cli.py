@@ -68,8 +68,7 @@ def _manners(
         typer.Option("--quiet", "-q", callback=_speak, expose_value=False, help="Answer in one sentence; no progress."),
     ] = False,
     verbose: Annotated[
-        bool,
-        typer.Option("--verbose", "-v", callback=_speak, expose_value=False, help="Answer with every sentence."),
+        bool, typer.Option("--verbose", "-v", callback=_speak, expose_value=False, help="Answer with every sentence.")
     ] = False,
     as_json: Annotated[
         bool,

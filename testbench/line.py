@@ -254,10 +254,7 @@ def identify_and_judge(
             say(f"identify {suite} with {short(spec.method)}")
             aside = aside_for(spec)
             try:
-                with (
-                    located(where, f"identification.estimators[{k}]"),
-                    contained(spec.method, limit_s),
-                ):
+                with located(where, f"identification.estimators[{k}]"), contained(spec.method, limit_s):
                     given = spec, fit, identification.inputs, outputs, judge
                     model = need_numbers(estimate(*given) if aside is None else aside.estimate(*given, limit_s=limit_s))
                     if causes:

@@ -29,12 +29,7 @@ def absent(monkeypatch):
     return hide
 
 
-@pytest.mark.parametrize(
-    ("package", "extra", "name", "content"),
-    [
-        ("pyarrow", "parquet", "flight.parquet", b"PAR1"),
-    ],
-)
+@pytest.mark.parametrize(("package", "extra", "name", "content"), [("pyarrow", "parquet", "flight.parquet", b"PAR1")])
 def test_a_log_that_needs_an_extra_names_it(absent, monkeypatch, capsys, tmp_path, package, extra, name, content):
     (tmp_path / name).write_bytes(content)
     absent(package)

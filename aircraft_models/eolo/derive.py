@@ -177,10 +177,7 @@ def sections(span_m: float) -> FloatArray:
 
 # The profile drag is estimated: a section at a Reynolds number of 2.3e5.
 LINE = LiftingLine(
-    b,
-    WING.root_chord_m * (1.0 - (1.0 - TAPER) * np.abs(sections(b)) / (0.5 * b)),
-    CL=MODEL.CL,
-    profile_drag=0.015,
+    b, WING.root_chord_m * (1.0 - (1.0 - TAPER) * np.abs(sections(b)) / (0.5 * b)), CL=MODEL.CL, profile_drag=0.015
 )
 BODY = {"CY_beta": -0.15, "Cn_beta": -0.010}  # estimated: the fuselage
 STATIONS = np.linspace(0.0, 0.5 * b, 17)

@@ -401,8 +401,7 @@ _ACTUATOR = """
 """
 # Without a lag it turns the whole way.
 _RIGID = _ACTUATOR.replace(
-    "CHANGE",
-    "<difference> <property>DEMAND</property> <property>testbench/WORD-pos-rad</property> </difference>",
+    "CHANGE", "<difference> <property>DEMAND</property> <property>testbench/WORD-pos-rad</property> </difference>"
 )
 # With the lag of the packaged aircraft it is exact for commands that run linearly from frame to frame:
 # x+ = a x + b0 c + b1 c+, a = exp(-lag dt), b1 = 1 - (1 - a)/(lag dt), b0 = 1 - a - b1.

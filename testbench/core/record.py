@@ -419,14 +419,7 @@ def load_record(path: Path | str) -> FlightRecord:
             data[:, i], columns[i] = columns[i], None  # an hour at a high rate is not held twice
             if mask is not None:
                 valid[:, i] = mask
-        return FlightRecord(
-            t_s=t,
-            channels=names,
-            data=data,
-            valid=valid,
-            provenance=provenance,
-            **stated,
-        )
+        return FlightRecord(t_s=t, channels=names, data=data, valid=valid, provenance=provenance, **stated)
 
 
 class FlightAborted(Refusal):

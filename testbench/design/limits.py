@@ -110,11 +110,7 @@ class Limits:
         for name, half in (("beta", self.beta), ("phi", self.bank)):
             if half is not None:
                 out[name] = (-half, half)
-        for name, half in (
-            ("V", self.speed_change_m_s),
-            ("h", self.height_change_m),
-            ("theta", self.pitch_change),
-        ):
+        for name, half in (("V", self.speed_change_m_s), ("h", self.height_change_m), ("theta", self.pitch_change)):
             if half is not None:
                 out[name] = (trim[name] - half, trim[name] + half)
         if self.V_max_m_s is not None or self.V_min_m_s is not None:

@@ -12,12 +12,7 @@ from testbench.core.constants import FT_M
 from testbench.effects.base import Effect, Parameter, Values, added
 
 ALPHA = "aero/alpha-rad"
-_SYMBOLS = {
-    "alpha": ALPHA,
-    "beta": "aero/beta-rad",
-    "alphadot": "aero/alphadot-rad_sec",
-    "cbar/2V": "aero/ci2vel",
-}
+_SYMBOLS = {"alpha": ALPHA, "beta": "aero/beta-rad", "alphadot": "aero/alphadot-rad_sec", "cbar/2V": "aero/ci2vel"}
 CURVED = 0.1  # form error of what is no straight line in a state
 
 # --- XML of terms -----------------------------------------------------------------------------------------------------

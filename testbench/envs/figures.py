@@ -10,19 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.constants import DEG_RAD
-from testbench.page.figure import (
-    COLOURS,
-    DASHED,
-    QUIET,
-    WIDE_IN,
-    Area,
-    Chart,
-    Curve,
-    Panel,
-    Rule,
-    Words,
-    line_look,
-)
+from testbench.page.figure import COLOURS, DASHED, QUIET, WIDE_IN, Area, Chart, Curve, Panel, Rule, Words, line_look
 from testbench.page.labels import axis_label, number, shown_unit
 
 if TYPE_CHECKING:

@@ -49,10 +49,7 @@ def extreme_singular_values(R: FloatArray) -> tuple[float, float] | None:
     if R.shape[0] != n or n < _WIDE or dtrcon(R, norm="1", uplo="U")[0] <= SAFE:
         return None
     F, start = np.asfortranarray(R), np.random.default_rng(0).standard_normal(n)
-    pairs = (
-        lambda x: dtrmv(F, dtrmv(F, x), trans=1),
-        lambda x: dtrsv(F, dtrsv(F, x, trans=1)),
-    )
+    pairs = (lambda x: dtrmv(F, dtrmv(F, x), trans=1), lambda x: dtrsv(F, dtrsv(F, x, trans=1)))
     try:
         largest, inverse = (
             float(eigsh(LinearOperator((n, n), matvec=f, dtype=float), k=1, v0=start, return_eigenvectors=False)[0])

@@ -579,11 +579,7 @@ def _finish(
     accuracy = pole_accuracy(model)
     found_more = {"pole_accuracy": accuracy, "pole_std": np.array([np.hypot(a.real_std, a.imag_std) for a in accuracy])}
     advice = _advice(model, white, layout)
-    return replace(
-        model,
-        diagnostics={**model.diagnostics, **found_more},
-        advice=advice,
-    )
+    return replace(model, diagnostics={**model.diagnostics, **found_more}, advice=advice)
 
 
 def _radius(A: FloatArray) -> float:

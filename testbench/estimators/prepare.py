@@ -16,12 +16,7 @@ Bias = Literal["trim", "mean", "trend", "none"]
 
 
 def prepare(
-    record: FlightRecord,
-    *,
-    bias: Bias,
-    trim_s: float,
-    lowpass_hz: float | None = None,
-    decimate: int = 1,
+    record: FlightRecord, *, bias: Bias, trim_s: float, lowpass_hz: float | None = None, decimate: int = 1
 ) -> FlightRecord:
     """Return the record as deviations from trim, ready for an estimator.
 

@@ -139,12 +139,7 @@ class DrivenModes:
 
 
 def output_rows(
-    A: FloatArray,
-    C: FloatArray,
-    modes: Modes,
-    series: Series,
-    through: NDArray[np.intp],
-    lead: int,
+    A: FloatArray, C: FloatArray, modes: Modes, series: Series, through: NDArray[np.intp], lead: int
 ) -> list[FloatArray]:
     """Return, per output, rows R with R'R the Gram matrix of its regression over its valid samples.
 

@@ -69,11 +69,7 @@ class Trajectories:
 
 
 def driven(
-    A: FloatArray,
-    B: FloatArray,
-    inputs: Sequence[FloatArray],
-    dt_s: float,
-    starts: Sequence[FloatArray] | None = None,
+    A: FloatArray, B: FloatArray, inputs: Sequence[FloatArray], dt_s: float, starts: Sequence[FloatArray] | None = None
 ) -> list[FloatArray]:
     """Return the states (n, k) of xdot = A x + B u, one array for each input (n, m), held between samples.
 

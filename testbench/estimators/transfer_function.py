@@ -65,11 +65,7 @@ def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str]) -> tupl
 
 
 def question_poles(
-    output: str,
-    omega_rad_s: FloatArray,
-    known: FloatArray,
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
+    output: str, omega_rad_s: FloatArray, known: FloatArray, records: Sequence[FlightRecord], inputs: Sequence[str]
 ) -> list[Advice]:
     """Return a sentence for each reason to doubt that the data put the poles of ``output`` where they are.
 

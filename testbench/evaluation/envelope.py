@@ -14,14 +14,7 @@ from testbench.aircraft.geometry.coefficients import ROWS
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
-from testbench.evaluation.modes import (
-    Spectrum,
-    follow,
-    frequency_and_damping,
-    name_modes,
-    poles_of,
-    spectrum,
-)
+from testbench.evaluation.modes import Spectrum, follow, frequency_and_damping, name_modes, poles_of, spectrum
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 
 MOTIONS = ("longitudinal", "lateral-directional")

@@ -438,9 +438,7 @@ def _throttles(
         chosen = (*names, *levers)
         assert raw.adapter is not None
         tried = replace(
-            raw,
-            adapter=replace(raw.adapter, throttles=chosen),
-            controls={"thr": Control("thr", THROTTLE, 1.0)},
+            raw, adapter=replace(raw.adapter, throttles=chosen), controls={"thr": Control("thr", THROTTLE, 1.0)}
         )
         fdm = Executive(tried, RATE_HZ, condition)
         follows, thrusts, before = True, [], [-1.0]

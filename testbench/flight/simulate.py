@@ -355,11 +355,7 @@ def _run(
 
 
 def provenance_of(
-    aircraft: Aircraft,
-    trimmed: TrimmedFlight,
-    manoeuvre: Manoeuvre,
-    air: Air | None = None,
-    start: Start | None = None,
+    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, air: Air | None = None, start: Start | None = None
 ) -> dict[str, Any]:
     """Return what the record of a flight says of where it comes from."""
     c = trimmed.condition

@@ -118,10 +118,7 @@ class Tangents:
         Raises:
             LimitError: there is no such channel or parameter.
         """
-        for name, known, what in (
-            (channel, self.truth.channels, "channel"),
-            (parameter, self.names, "parameter"),
-        ):
+        for name, known, what in ((channel, self.truth.channels, "channel"), (parameter, self.names, "parameter")):
             if name not in known:
                 raise LimitError(f"the tangents have no {what} '{name}'{nearest(name, known)}")
         return self.derivatives[:, self.truth.channels.index(channel), self.names.index(parameter)]

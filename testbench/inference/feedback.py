@@ -45,10 +45,7 @@ def steps(inputs: Sequence[FloatArray]) -> bool:
 
 
 def strongest_feedback(
-    inputs: Sequence[FloatArray],
-    left: Sequence[FloatArray],
-    good: Sequence[NDArray[np.bool_]],
-    first: FloatArray,
+    inputs: Sequence[FloatArray], left: Sequence[FloatArray], good: Sequence[NDArray[np.bool_]], first: FloatArray
 ) -> Feedback | None:
     """Return the input that reacts most; None where held inputs leave nothing to test.
 

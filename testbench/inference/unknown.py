@@ -80,12 +80,7 @@ def forced_states(linear: LinearModel) -> list[str]:
 
 
 def forced(
-    linear: LinearModel,
-    channels: Sequence[str],
-    push: FloatArray,
-    direct: FloatArray,
-    inputs: FloatArray,
-    dt_s: float,
+    linear: LinearModel, channels: Sequence[str], push: FloatArray, direct: FloatArray, inputs: FloatArray, dt_s: float
 ) -> FloatArray:
     """Return what inputs (n, h), held from sample to sample, do to the channels from rest, (n, p, h).
 

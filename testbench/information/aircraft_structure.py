@@ -31,10 +31,7 @@ from testbench.sensors import Sensor
 
 Plane = Literal["longitudinal", "lateral"]
 _AXES = {"longitudinal": "XZM", "lateral": "YLN"}
-_VARIABLES = {
-    "longitudinal": ("V", "alpha", "q", "de", "thr"),
-    "lateral": ("beta", "p", "r", "da", "dr"),
-}
+_VARIABLES = {"longitudinal": ("V", "alpha", "q", "de", "thr"), "lateral": ("beta", "p", "r", "da", "dr")}
 _ACCELERATIONS = {"ax": "u", "ay": "v", "az": "w", "pdot": "p", "qdot": "q", "rdot": "r"}
 _MOVED = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 

@@ -15,15 +15,7 @@ from testbench.core.scenario.inputs import Input
 from testbench.inputs import binary, multisine, multistep, sweep
 from testbench.inputs.signal import InputSignal, band_share, energy_spectrum, frequency_below, total_energy
 
-__all__ = [
-    "FAMILIES",
-    "InputSignal",
-    "band_share",
-    "build",
-    "energy_spectrum",
-    "frequency_below",
-    "total_energy",
-]
+__all__ = ["FAMILIES", "InputSignal", "band_share", "build", "energy_spectrum", "frequency_below", "total_energy"]
 
 FAMILIES: dict[str, tuple[Callable[[Any, float, float], FloatArray], str]] = {
     "step": (multistep.step, "one step that lasts until the end of the manoeuvre"),

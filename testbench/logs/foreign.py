@@ -103,10 +103,7 @@ def _foreign_text(head: bytes, kind: str) -> tuple[str, str] | None:
     if re.match(r"[{\[]\s*[\"{\[\]}]", text) or re.match(r"\[\s*-?\d+(\.\d+)?\s*,", text):
         return "JSON", "save it as CSV: pandas.read_json(f).to_csv(g, index=False)"
     if re.match(r"\$(g[nplabq]|pubx)\w{3},", lower):
-        return (
-            "sentences of a receiver (NMEA)",
-            _POSITIONS,
-        )
+        return ("sentences of a receiver (NMEA)", _POSITIONS)
     if re.match(r"a[a-z0-9]{3}.*\r?\nh[fopc]dte", lower):
         return "the log of a glider (IGC)", _POSITIONS
     if lower.startswith("<?xml") or (re.match(r"<[a-z_][\w:.-]*[\s>]", lower) and re.search(r"</|/>|<!", text)):

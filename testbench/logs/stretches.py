@@ -128,13 +128,7 @@ def _rate(record: FlightRecord, name: str) -> float:
 class _Labels:
     """The kinds of blocks of half a second, and what they are told from: NaN where nothing was logged."""
 
-    def __init__(
-        self,
-        record: FlightRecord,
-        log: Log,
-        found: Sequence[Manoeuvre],
-        noise: Mapping[str, Noise],
-    ) -> None:
+    def __init__(self, record: FlightRecord, log: Log, found: Sequence[Manoeuvre], noise: Mapping[str, Noise]) -> None:
         self.record, self.log, self.found, self.noise = record, log, found, noise
         self.m = max(1, round(_BLOCK_S / record.dt_s))
         self.n = -(-len(record) // self.m)

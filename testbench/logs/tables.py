@@ -112,12 +112,7 @@ class Table:
 _ANY_FORM = TextForm()
 
 
-def read_table(
-    path: Path | str,
-    kind: str,
-    variable: str | None = None,
-    form: TextForm = _ANY_FORM,
-) -> Table:
+def read_table(path: Path | str, kind: str, variable: str | None = None, form: TextForm = _ANY_FORM) -> Table:
     """Read a file of format ``kind``: "csv", "text", "mat", "parquet" or "netcdf".
 
     Args:

@@ -153,11 +153,7 @@ def rows(log: LogCoefficients, names: Sequence[str], trend: Trend) -> FloatArray
     return out
 
 
-def fit(
-    logs: Sequence[LogCoefficients],
-    trend: Trend = Trend(),
-    extra: Sequence[FloatArray] | None = None,
-) -> Fit:
+def fit(logs: Sequence[LogCoefficients], trend: Trend = Trend(), extra: Sequence[FloatArray] | None = None) -> Fit:
     """Return the coefficients of all logs together.
 
     Args:

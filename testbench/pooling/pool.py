@@ -18,17 +18,7 @@ from testbench.core.blas import on_one_thread
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.pooling import TrendVariable
-from testbench.pooling.least_squares import (
-    Fit,
-    LogCoefficients,
-    Trend,
-    alone,
-    best_trend,
-    fit,
-    inverse,
-    rows,
-    solve,
-)
+from testbench.pooling.least_squares import Fit, LogCoefficients, Trend, alone, best_trend, fit, inverse, rows, solve
 from testbench.pooling.prior import Prior
 from testbench.pooling.scales import shared_errors
 

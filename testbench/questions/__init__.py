@@ -101,11 +101,7 @@ QUESTIONS = (
     ),
     Question("export", "aircraft taurus --to c", "write a model for other programs", "ask:export_record"),
     Question(
-        "global",
-        "log*.nc --aircraft f16",
-        "coefficients over the envelope",
-        "ask:global_model",
-        room="global_model",
+        "global", "log*.nc --aircraft f16", "coefficients over the envelope", "ask:global_model", room="global_model"
     ),
     Question("compatibility", "my_records.toml", "do the instruments agree?", "ask:compatibility"),
     Question("response", "my_records.toml", "frequency responses", "ask:frequency_responses"),
@@ -158,18 +154,8 @@ QUESTIONS = (
         schema="scenario:PlanScenario",
         want="plan flights",
     ),
-    Question(
-        "live",
-        "flight.csv --aircraft taurus",
-        "identify while it flies",
-        "ask:fly_along",
-    ),
-    Question(
-        "sitl",
-        "taurus",
-        "physics for an autopilot",
-        "links:serve",
-    ),
+    Question("live", "flight.csv --aircraft taurus", "identify while it flies", "ask:fly_along"),
+    Question("sitl", "taurus", "physics for an autopilot", "links:serve"),
     Question(
         "campaign",
         "run taurus_scatter",

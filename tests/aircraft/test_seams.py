@@ -11,15 +11,7 @@ from scipy.signal import lsim
 from testbench.aircraft import Aircraft, Amendment, Increment, ScaleCoefficient
 from testbench.aircraft.adapter import Adapter
 from testbench.aircraft.amend import Change, Thrust, ThrustLine
-from testbench.aircraft.seams import (
-    added_load,
-    changed,
-    control_path,
-    moved_centre,
-    opened,
-    scaled_mass,
-    with_servo,
-)
+from testbench.aircraft.seams import added_load, changed, control_path, moved_centre, opened, scaled_mass, with_servo
 from testbench.core.constants import FT_M, LBF_N, PSF_PA, SLUG_KG
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray

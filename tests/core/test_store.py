@@ -476,11 +476,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="folders are locked o
 def begun(folder, then: str = "") -> subprocess.Popen[str]:
     environment = {**os.environ, "TMPDIR": str(folder)}
     return subprocess.Popen(
-        [sys.executable, "-c", MAKE + then],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stdin=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", MAKE + then], env=environment, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
     )
 
 

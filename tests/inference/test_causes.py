@@ -106,10 +106,7 @@ def test_slow_noise_is_named_where_the_method_does_not_test_it(method):
 def test_biased_transfer_functions_are_told_from_missing_dynamics():
     for case, cause in (("clean", "far_from_best"), ("delay", "delay")):
         record = fly(case, 11)
-        model = with_causes(
-            estimate("transfer_function", [record], INPUTS, OUTPUTS, poles=2, zeros=[1]),
-            [record],
-        )
+        model = with_causes(estimate("transfer_function", [record], INPUTS, OUTPUTS, poles=2, zeros=[1]), [record])
         assert next(a.code for a in model.advice if a.severity != "note") == cause
 
 

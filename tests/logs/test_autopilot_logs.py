@@ -6,15 +6,7 @@ Messages of Paparazzi with the definitions beside them: channels in their units 
 import numpy as np
 import pytest
 from short_flight import DE, Q, T
-from writers import (
-    START_S,
-    attitude,
-    dataflash_bin,
-    dataflash_log,
-    elevator,
-    pitch_rate,
-    ulog,
-)
+from writers import START_S, attitude, dataflash_bin, dataflash_log, elevator, pitch_rate, ulog
 
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError

@@ -197,10 +197,7 @@ LONGITUDINAL: dict[str, Method] = {
 }
 """Method -> how it is run, on the 3-2-1-1 flights."""
 
-MULTISINE: dict[str, Method] = {
-    "frequency response, windowed": _response,
-    "equivalent, windowed": _equivalent,
-}
+MULTISINE: dict[str, Method] = {"frequency response, windowed": _response, "equivalent, windowed": _equivalent}
 INSTRUMENTS: dict[str, Method] = {"data compatibility": compatibility}
 METHODS = LONGITUDINAL | MULTISINE | INSTRUMENTS
 assert set(DT) == {"taurus", "eolo"}

@@ -38,14 +38,7 @@ from tables import write_rows
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from estimator_cases import (
-    CONDITIONS,
-    ROOT,
-    Case,
-    prepare_instruments,
-    prepare_longitudinal,
-    prepare_multisine,
-)
+from estimator_cases import CONDITIONS, ROOT, Case, prepare_instruments, prepare_longitudinal, prepare_multisine
 from estimator_methods import INSTRUMENTS, LONGITUDINAL, METHODS, MULTISINE
 from rich.progress import Progress
 
@@ -55,11 +48,7 @@ RESULTS = results("estimators")
 HELD_TABLE = ROOT / "testbench" / "estimators" / "coverage_table.py"
 RAW = build("estimator_study")
 SEEDS = sized(400, 2)
-KINDS = (
-    (LONGITUDINAL, prepare_longitudinal),
-    (MULTISINE, prepare_multisine),
-    (INSTRUMENTS, prepare_instruments),
-)
+KINDS = ((LONGITUDINAL, prepare_longitudinal), (MULTISINE, prepare_multisine), (INSTRUMENTS, prepare_instruments))
 SCATTER = (
     "aircraft",
     "method",

@@ -219,10 +219,7 @@ def row_of(kind: str, seeds: Iterator[int] | range, tell: bool = False) -> dict[
 
 
 def by_kinds(
-    kinds: Sequence[str],
-    row: Callable[[str, range, bool], dict[str, object]],
-    table: Path,
-    seeds: int,
+    kinds: Sequence[str], row: Callable[[str, range, bool], dict[str, object]], table: Path, seeds: int
 ) -> None:
     """Draw, ask, and write a table with a row for each kind, whose seeds begin a thousand after those before."""
     parser = argparse.ArgumentParser()

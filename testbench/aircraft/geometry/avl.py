@@ -135,12 +135,7 @@ class _Lines:
         return _KEYWORDS.get(self.rows[self.at][1].split()[0][:4].upper(), "")
 
 
-def read_avl(
-    path: Path,
-    controls: dict[Moved, str | None],
-    spare: str | None = None,
-    unit_m: float = 1.0,
-) -> AvlPlane:
+def read_avl(path: Path, controls: dict[Moved, str | None], spare: str | None = None, unit_m: float = 1.0) -> AvlPlane:
     """Read an AVL file.
 
     Args:

@@ -186,12 +186,7 @@ def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]
 
 
 def aircraft_toml(
-    name: str,
-    plan: Plan,
-    centred: Plane,
-    found: Aerodynamics,
-    values: Mapping[str, Coefficient],
-    limits: FlownLimits,
+    name: str, plan: Plan, centred: Plane, found: Aerodynamics, values: Mapping[str, Coefficient], limits: FlownLimits
 ) -> str:
     """Return the text of aircraft.toml; ``centred`` is the outside about the centre of gravity."""
     said = plan.said

@@ -124,9 +124,7 @@ class Lattice:
             return across * (along / ((across**2).sum(axis=2) + core**2))[:, :, None]
 
         bound = line(
-            np.cross(a, b),
-            np.einsum("jk,ijk->ij", ends, a / la[:, :, None] - b / lb[:, :, None]),
-            self.core * length,
+            np.cross(a, b), np.einsum("jk,ijk->ij", ends, a / la[:, :, None] - b / lb[:, :, None]), self.core * length
         )
         legs = line(np.cross(x, b), 1.0 + b[:, :, 0] / lb, self.core) - line(
             np.cross(x, a), 1.0 + a[:, :, 0] / la, self.core

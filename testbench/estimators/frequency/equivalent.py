@@ -123,11 +123,7 @@ class Problem(NamedTuple):
 
 
 def problem_of(
-    part: FrequencyResponse,
-    group: list[int],
-    zeros: Mapping[str, int],
-    settings: LowOrder,
-    words: tuple[Hold, ...],
+    part: FrequencyResponse, group: list[int], zeros: Mapping[str, int], settings: LowOrder, words: tuple[Hold, ...]
 ) -> Problem:
     """Return what is fitted: the outputs ``group`` of ``part``, with so many ``zeros`` per output.
 

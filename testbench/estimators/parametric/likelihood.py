@@ -14,13 +14,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hold import held as which_held
 from testbench.estimators.hold import said_of_hold
-from testbench.estimators.parametric.gauss_newton import (
-    Problem,
-    Sensitivities,
-    believed_alone,
-    in_blocks,
-    reduced,
-)
+from testbench.estimators.parametric.gauss_newton import Problem, Sensitivities, believed_alone, in_blocks, reduced
 from testbench.estimators.parametric.model import ParametricModel, named, output_offsets
 from testbench.estimators.parametric.response import Sampling, delayed, later, respond, responses
 from testbench.estimators.parametric.structure import ModelStructure
@@ -172,12 +166,7 @@ def check_nuisances(structure: ModelStructure, settings: Simulated) -> None:
             )
 
 
-def stretch(
-    record: FlightRecord,
-    structure: ModelStructure,
-    delays_s: FloatArray,
-    settings: Simulated,
-) -> Stretch:
+def stretch(record: FlightRecord, structure: ModelStructure, delays_s: FloatArray, settings: Simulated) -> Stretch:
     """Return the record as the search sees it, initial states where channels say them.
 
     Raises:

@@ -295,9 +295,6 @@ def _model(likelihood: Likelihood, found: _Found, settings: OutputError, driven:
         biased=settings.output_biases,
         trended=settings.output_trends,
         biased_inputs=settings.input_biases,
-        operating_point=(
-            np.mean(diagnostics["initial_states"], axis=0),
-            np.mean([s.u[0] for s in stretches], axis=0),
-        ),
+        operating_point=(np.mean(diagnostics["initial_states"], axis=0), np.mean([s.u[0] for s in stretches], axis=0)),
         substeps=settings.substeps,
     )

@@ -124,11 +124,7 @@ def responses(
 
 
 def _of_linear(
-    structure: LinearStructure,
-    params: FloatArray,
-    chosen: list[int],
-    sampling: Sampling,
-    biased: list[int],
+    structure: LinearStructure, params: FloatArray, chosen: list[int], sampling: Sampling, biased: list[int]
 ) -> Callable[[FloatArray, FloatArray], Response]:
     """Return the response of a linear structure as a function of input and initial state."""
     sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
@@ -340,12 +336,7 @@ def _output(
 
 
 def _trajectory(
-    structure: ModelStructure,
-    params: FloatArray,
-    u: FloatArray,
-    du: FloatArray,
-    sampling: Sampling,
-    start: FloatArray,
+    structure: ModelStructure, params: FloatArray, u: FloatArray, du: FloatArray, sampling: Sampling, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return states (N, n) and the derivatives (N, n, n) of each by the one before.
 

@@ -26,13 +26,7 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.response import Sampling, respond
-from testbench.estimators.parametric.structure import (
-    AnyArray,
-    LinearStructure,
-    Matrices,
-    ModelStructure,
-    Parameter,
-)
+from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, ModelStructure, Parameter
 from testbench.estimators.structured import Fitted, Servo
 
 START_LAGS_S = (0.02, 0.05, 0.1, 0.2)
@@ -279,11 +273,7 @@ def surfaces(structure: Any, record: FlightRecord, held: NDArray[np.bool_]) -> F
     k = len(structure.base.parameters)
     wire = _Wire(name="servos", states=(), inputs=structure.inputs, outputs=structure.inputs, parameters=())
     own: Any = replace(
-        structure,
-        states=structure.followers,
-        outputs=structure.inputs,
-        base=wire,
-        parameters=structure.parameters[k:],
+        structure, states=structure.followers, outputs=structure.inputs, base=wire, parameters=structure.parameters[k:]
     )
     u = record.columns(structure.inputs)
     y = respond(own, own.values, (), u, Sampling(record.dt_s, held, 2 * SUBSTEPS), structure.at_rest(u[0])).y

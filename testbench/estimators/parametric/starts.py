@@ -141,11 +141,7 @@ _SPREAD = 0.5  # of the values that others scatter about, relative
 _ROUNDS, _STEPS = 8, 10  # of filter error where it only gives a start
 
 
-def first_points(
-    likelihood: Likelihood,
-    records: Sequence[FlightRecord],
-    settings: Fitted,
-) -> list[FloatArray]:
+def first_points(likelihood: Likelihood, records: Sequence[FlightRecord], settings: Fitted) -> list[FloatArray]:
     """Return the structure's values and, where all its states are measured, those of equation error, (k,) each.
 
     A flow angle that was not measured is reconstructed from rates and accelerations for it.

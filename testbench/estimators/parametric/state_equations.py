@@ -109,10 +109,7 @@ def model_of_equations(
         covariance=covariance,
         covariance_plain=white,
         noise_covariance=np.diag(np.maximum(y.var(axis=0), 1e-300)),
-        operating_point=(
-            np.mean([d.x[0, 0] for d in data], axis=0),
-            np.mean([d.u[0, 0] for d in data], axis=0),
-        ),
+        operating_point=(np.mean([d.x[0, 0] for d in data], axis=0), np.mean([d.u[0, 0] for d in data], axis=0)),
     )
     # what advice says of outputs holds of states here
     return replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
@@ -136,11 +133,7 @@ def smoothed(
 
 
 def missing(
-    structure: ModelStructure,
-    data: SmoothedStates,
-    params: FloatArray,
-    free: NDArray[np.intp],
-    held: NDArray[np.bool_],
+    structure: ModelStructure, data: SmoothedStates, params: FloatArray, free: NDArray[np.intp], held: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return what the low passes leave missing in the equations, (N, n), and the derivatives of the errors (N, n, f).
 
@@ -189,14 +182,7 @@ def _passed(
         derivatives.append(found[i].derivative)
         noise.append([s.noise_left(min(own, cutoff)) for s, own in zip(series, cutoffs, strict=True)])
     return SmoothedStates(
-        np.array(states),
-        np.array(inputs),
-        np.stack(derivatives, axis=1),
-        taken,
-        np.array(noise),
-        cutoffs,
-        driven,
-        dt_s,
+        np.array(states), np.array(inputs), np.stack(derivatives, axis=1), taken, np.array(noise), cutoffs, driven, dt_s
     )
 
 
@@ -213,10 +199,7 @@ def _within(u: FloatArray) -> FloatArray:
 
 
 def equations(
-    structure: ModelStructure,
-    data: Sequence[SmoothedStates],
-    params: FloatArray,
-    free: np.ndarray,
+    structure: ModelStructure, data: Sequence[SmoothedStates], params: FloatArray, free: np.ndarray
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return per record the errors of the state equations (N, n) and their derivatives (N, n, f) by the parameters.
 

@@ -183,12 +183,7 @@ def _advice_on_variant(variant: str, parted: float | None) -> tuple[Advice, ...]
 
 
 def _diagnostics(
-    step1: Innovations,
-    step2: Realisation,
-    inputs: Inputs,
-    size_y: FloatArray,
-    shifts: dict[str, Any],
-    dt_s: float,
+    step1: Innovations, step2: Realisation, inputs: Inputs, size_y: FloatArray, shifts: dict[str, Any], dt_s: float
 ) -> dict[str, Any]:
     unit = size_y * step1.deviation
     return {

@@ -32,15 +32,7 @@ from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.settings import Subspace
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
-from testbench.estimators.subspace.data import (
-    LEAD,
-    Outcome,
-    Stretch,
-    automatic_stride,
-    check_order,
-    decimate,
-    scale,
-)
+from testbench.estimators.subspace.data import LEAD, Outcome, Stretch, automatic_stride, check_order, decimate, scale
 from testbench.estimators.subspace.projections import PREDICTORS, PROJECTIONS, Factor, Realisation, factorise, shortened
 from testbench.estimators.subspace.tail import (
     advice_in_words,

@@ -423,7 +423,4 @@ def pbsid_opt(f: Factor, L: int, order: int | None, direct: bool) -> Realisation
     return _regress(f, product @ Vt[:n].T / np.sqrt(s[:n]), values, choice, direct)
 
 
-PREDICTORS: dict[str, Callable[[Factor, int, int | None, bool], Realisation]] = {
-    "ssarx": ssarx,
-    "pbsid_opt": pbsid_opt,
-}
+PREDICTORS: dict[str, Callable[[Factor, int, int | None, bool], Realisation]] = {"ssarx": ssarx, "pbsid_opt": pbsid_opt}

@@ -223,11 +223,7 @@ class _Block:
         rows = np.empty((*data.shape[1:], LANES))
         self._unread[: self.size] = ended
         left, self._broken, self._value = self._model.program.machine.run(
-            self.R,
-            self._driven,
-            Logged(self._step, self._logged, self._factors, rows),
-            self._watched,
-            self._unread,
+            self.R, self._driven, Logged(self._step, self._logged, self._factors, rows), self._watched, self._unread
         )
         data[:] = rows.transpose(2, 0, 1)[: self.size]
         return left[: self.size]

@@ -112,11 +112,7 @@ def described(adopted: Adopted, model: str) -> str:
     if adapter.neutral:
         lines += ["", "# Properties that the model reads and does not define.", "[adapter.declare]"]
         lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.neutral.items()]
-    lines += [
-        "",
-        "# A flight that leaves them is stopped.",
-        "[limits]",
-    ]
+    lines += ["", "# A flight that leaves them is stopped.", "[limits]"]
     for channel, (low, high) in aircraft.limits.items():
         suffix, unit = _UNITS.get(channel, ("_deg", DEG_RAD))
         lines.append(f"{channel}{suffix} = [{real(low / unit, 6)}, {real(high / unit, 6)}]")

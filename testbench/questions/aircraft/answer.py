@@ -29,7 +29,7 @@ def aircraft_answer(survey: Survey) -> list[str]:
     ends = [u.reason for u in found.beyond]
     out = [
         f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
-        + ("" if ends else ", the whole range that its limits allow"),
+        + ("" if ends else ", the whole range that its limits allow")
     ]
     margin, *remarks = _pitch_remarks(envelope)
     out.append(margin)

@@ -81,8 +81,7 @@ def show(
 @with_figures
 def adopt_command(
     path: Annotated[
-        str,
-        typer.Argument(help="JSBSim model: XML file, folder, or one that comes with JSBSim.", show_default=False),
+        str, typer.Argument(help="JSBSim model: XML file, folder, or one that comes with JSBSim.", show_default=False)
     ],
     folder: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder of the aircraft; aircraft/NAME if not given.")

@@ -69,10 +69,7 @@ def adopted_page(adopted: Adopted, survey: Survey, folder: Path) -> Page:
         kicker=f"Aircraft adopted: {name}",
         tables=[table, *page.tables],
         terminal=[table, *page.terminal],
-        notes=[
-            *page.notes,
-            f"edit {folder}/aircraft.toml as you like: it is checked when it is loaded",
-        ],
+        notes=[*page.notes, f"edit {folder}/aircraft.toml as you like: it is checked when it is loaded"],
         closing=[("Aircraft", f'{folder}, in a scenario: aircraft = "{name}"'), *page.closing],
     )
 

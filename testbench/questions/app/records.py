@@ -282,11 +282,7 @@ def _craft(folder: Path, one: Shown) -> dict[str, Any]:
         with suppress(Refusal):
             aircraft = load_aircraft(resolve(name, AIRCRAFT, folder)) if isinstance(name, str) else None
             if aircraft is not None and aircraft.outline is not None:
-                return {
-                    "name": aircraft.name,
-                    "span_m": aircraft.outline.wing.span_m,
-                    "faces": faces(aircraft.outline),
-                }
+                return {"name": aircraft.name, "span_m": aircraft.outline.wing.span_m, "faces": faces(aircraft.outline)}
     return {"name": "", "span_m": 2.0, "faces": faces(usual(*_USUAL))}
 
 

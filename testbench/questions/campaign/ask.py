@@ -25,14 +25,7 @@ from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
 from testbench.questions.campaign.scenario import Watch
 from testbench.questions.campaign.store import RECORDS, Counts, Store
-from testbench.questions.campaign.workers import (
-    Died,
-    LocalWorkers,
-    Lost,
-    Task,
-    Workers,
-    remote_workers,
-)
+from testbench.questions.campaign.workers import Died, LocalWorkers, Lost, Task, Workers, remote_workers
 
 MOST_PER_BATCH = 64  # what flies as one block
 BATCH_S = 3.0  # work in a batch: little is lost with one, and what SQLite takes for it is less than 1 %

@@ -100,8 +100,7 @@ def _fly_campaign(
             fly_campaign(loaded, folder, resume=resume, workers=where, progress=progress, simulator=simulator.value)
     except KeyboardInterrupt:
         print(
-            f"finished runs are kept; continue with: testbench campaign resume {campaign} --out {out}",
-            file=sys.stderr,
+            f"finished runs are kept; continue with: testbench campaign resume {campaign} --out {out}", file=sys.stderr
         )
         raise
     _report_campaign(loaded, folder)

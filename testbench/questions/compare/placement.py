@@ -23,13 +23,7 @@ from testbench.core.record import FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.information.fisher import accuracy, cost
 from testbench.information.targets import Targets
-from testbench.questions.compare.prediction import (
-    Known,
-    experiment_of,
-    in_percent,
-    sensor_parts,
-    targets_of,
-)
+from testbench.questions.compare.prediction import Known, experiment_of, in_percent, sensor_parts, targets_of
 from testbench.questions.compare.scenario import Placement
 from testbench.sensors import Sensor, SensorSuite, load_suite
 

@@ -92,13 +92,7 @@ def _fly(
         except Refusal as error:
             out[i] = _reason(error)
     rate = scenario.simulation.rate_hz
-    trims = trim_many(
-        [x.aircraft for _, x in ready],
-        [x.condition for _, x in ready],
-        rate,
-        None,
-        simulator,
-    )
+    trims = trim_many([x.aircraft for _, x in ready], [x.condition for _, x in ready], rate, None, simulator)
     able: list[tuple[int, _Ready, TrimmedFlight]] = []
     for (i, x), at in zip(ready, trims, strict=True):
         if isinstance(at, Refusal):

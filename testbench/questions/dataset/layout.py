@@ -80,12 +80,7 @@ class Layout:
     @property
     def dims(self) -> dict[str, int]:
         """Size of every dimension."""
-        out = {
-            "flight": self.flights,
-            "time": self.samples,
-            "channel": len(self.channels),
-            "figure": len(self.figures),
-        }
+        out = {"flight": self.flights, "time": self.samples, "channel": len(self.channels), "figure": len(self.figures)}
         out |= {"key": len(self.keys)} if self.keys else {}
         return {**out, "hidden": MOST_HIDDEN, "size": len(self.sizes)} if self.effects else out
 

@@ -87,8 +87,7 @@ def aircraft_command(
         float | None, typer.Option("--speed", min=0.1, help="Where it begins, m/s; else the design speed.")
     ] = None,
     height: Annotated[
-        float | None,
-        typer.Option("--height", help="Where it begins, m above sea level; else the design height."),
+        float | None, typer.Option("--height", help="Where it begins, m above sea level; else the design height.")
     ] = None,
 ) -> None:
     """Write an aircraft as C code, as an FMU, or as a plain JSBSim model; it begins at a trim.

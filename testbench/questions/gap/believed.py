@@ -34,14 +34,7 @@ from testbench.questions.gap.evidence.commanded import (
     starts_freely,
     surface_noise,
 )
-from testbench.questions.gap.flights import (
-    Flyer,
-    Wanted,
-    flights,
-    linear_models,
-    made,
-    trims,
-)
+from testbench.questions.gap.flights import Flyer, Wanted, flights, linear_models, made, trims
 from testbench.questions.gap.free_start import Directions, FreeStart
 from testbench.questions.gap.priors import PRIORS, priors_of
 from testbench.questions.gap.starts import Start, record_key, start_of
@@ -141,13 +134,7 @@ class Believed:
         if start not in self._by_start:
             aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
             there = replace(
-                self,
-                aircraft=aircraft,
-                suite=suite,
-                condition=start.condition,
-                start=start,
-                elsewhere=(),
-                higher_m=0.0,
+                self, aircraft=aircraft, suite=suite, condition=start.condition, start=start, elsewhere=(), higher_m=0.0
             )
             for moved in self.elsewhere:
                 there = there._moved(moved)
@@ -630,11 +617,7 @@ def _held(record: FlightRecord, rate_hz: float) -> tuple[tuple[str, ...], bytes]
 
 
 def at_frames(
-    names: Sequence[str],
-    u: FloatArray,
-    record: FlightRecord,
-    rate_hz: float,
-    began: Mapping[str, float] | None = None,
+    names: Sequence[str], u: FloatArray, record: FlightRecord, rate_hz: float, began: Mapping[str, float] | None = None
 ) -> bytes:
     """Return the bytes of commands (n, m) at every frame: held from sample to sample, or on straight lines.
 

@@ -203,8 +203,7 @@ def new(
     sensors: Annotated[
         str | None,
         typer.Option(
-            help="Assumed sensor suite; if not given, that of the records, else one made from them.",
-            show_default=False,
+            help="Assumed sensor suite; if not given, that of the records, else one made from them.", show_default=False
         ),
     ] = None,
     wings: Annotated[

@@ -68,10 +68,7 @@ def _power_plate(plan: GapPlan) -> Plate:
     """Return one bar per effect, the most often named on top."""
     at = range(len(plan.power))
     held, sure = ([100.0 * x for x in of] for of in zip(*((p.held, p.sure) for p in plan.power.values()), strict=True))
-    draws = [
-        bars(at, 0.0, held, 0.65, colour="none", edge=COLOURS[0]),
-        bars(at, 0.0, sure, 0.65, colour=COLOURS[0]),
-    ]
+    draws = [bars(at, 0.0, held, 0.65, colour="none", edge=COLOURS[0]), bars(at, 0.0, sure, 0.65, colour=COLOURS[0])]
     panel = Panel(draws=draws, x="flights, %", x_range=(0.0, 100.0), **rows(list(plan.power), 0.17))
     caption = (
         "Flights with each effect, drawn from its prior. Filled: it is stated with 90 % or more. Outline: it is in "

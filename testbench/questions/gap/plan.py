@@ -179,10 +179,7 @@ _WORDS = {"nothing": "nothing", "unknown": "something that the library lacks"}
 
 @on_one_thread
 def plan_gap(
-    scenario: Scenario,
-    progress: Callable[[str], None] | None = None,
-    draws: int = DRAWS,
-    file: Path | None = None,
+    scenario: Scenario, progress: Callable[[str], None] | None = None, draws: int = DRAWS, file: Path | None = None
 ) -> GapPlan:
     """Return what would be stated of the manoeuvres of a scenario, and what to add.
 

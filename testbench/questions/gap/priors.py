@@ -12,13 +12,7 @@ from testbench.questions.gap.evidence.commanded import moves_laterally
 # value is a multiple of the believed one. Its prior, before any flight, is Gaussian about 1 with the relative standard
 # deviation given here, or with the aircraft's own if it has one (``[uncertainty]`` of aircraft.toml). These
 # deviations are estimates of what handbook methods reach.
-PRIORS: Mapping[str, float] = {
-    "CL_alpha": 0.05,
-    "CD": 0.10,
-    "Cm_alpha": 0.10,
-    "Cm_q": 0.15,
-    "Cm_de": 0.10,
-}
+PRIORS: Mapping[str, float] = {"CL_alpha": 0.05, "CD": 0.10, "Cm_alpha": 0.10, "Cm_q": 0.15, "Cm_de": 0.10}
 # The same for the lateral motion, re-tuned only if aileron or rudder moves. Cross derivatives are known less well.
 LATERAL_PRIORS: Mapping[str, float] = {
     "CY_beta": 0.15,

@@ -223,10 +223,7 @@ def free_name(name: str, record: FlightRecord, known: Mapping[str, FlightRecord]
 
 
 def check_records(
-    suite: SensorSuite,
-    records: Mapping[str, FlightRecord],
-    notes: list[str] | None = None,
-    surfaces: bool = True,
+    suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str] | None = None, surfaces: bool = True
 ) -> dict[str, FlightRecord]:
     """Check that every record holds what the believed suite says; return them, their times at the suite's own rate.
 
@@ -306,11 +303,7 @@ def frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> floa
 
 
 def _conditions(
-    aircraft: Aircraft,
-    suite: SensorSuite,
-    records: Mapping[str, FlightRecord],
-    said: Said,
-    notes: list[str],
+    aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightRecord], said: Said, notes: list[str]
 ) -> tuple[FlightCondition, dict[str, FlightRecord]]:
     """Return the condition of most records, and the records: those flown from elsewhere say so.
 
@@ -333,10 +326,7 @@ def _conditions(
             "--h"
         )
     quiet = {
-        n: (
-            _quiet_mean(suite, r, "V") if V_m_s is None else V_m_s,
-            _quiet_mean(suite, r, "h") if recorded else default,
-        )
+        n: (_quiet_mean(suite, r, "V") if V_m_s is None else V_m_s, _quiet_mean(suite, r, "h") if recorded else default)
         for n, r in open_.items()
     }
     groups = _alike(quiet)

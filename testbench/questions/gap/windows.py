@@ -299,11 +299,7 @@ def _level_of(record: FlightRecord) -> dict[str, float]:
     return dict(zip(names, (record.columns(f"{n}_cmd" for n in names) - u)[0].tolist(), strict=True))
 
 
-def begin_freely(
-    believed: Believed,
-    records: Mapping[str, FlightRecord],
-    along: Believed | None = None,
-) -> Believed:
+def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along: Believed | None = None) -> Believed:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
     Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means. It begins
@@ -484,9 +480,7 @@ def _linearised(
 
 
 def _improved(
-    believed: Believed,
-    records: Mapping[str, FlightRecord],
-    starts: Mapping[str, FreeStart],
+    believed: Believed, records: Mapping[str, FlightRecord], starts: Mapping[str, FreeStart]
 ) -> tuple[dict[str, FreeStart], dict[str, float]]:
     """Return starts moved to where they suit better, and by how much chi-square fell in each record."""
     with_starts = replace(believed, free_starts=starts)

@@ -34,10 +34,7 @@ def global_answer(found: GlobalFound) -> list[Line]:
     better = ", ".join(h.coefficient for h in found.held if h.missed < h.believed) or "none"
     said.append(("finding", f"the functions are nearer to them than the a-priori model in {better}"))
     said += [
-        (
-            "doubt",
-            f"doubt: {h.coefficient} of held-out flights does not follow its function; fly more like them",
-        )
+        ("doubt", f"doubt: {h.coefficient} of held-out flights does not follow its function; fly more like them")
         for h in found.held
         if h.r2 < _POOR and h.missed > 2.0 * h.fitted
     ]

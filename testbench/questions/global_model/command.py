@@ -24,8 +24,7 @@ def command(
     aircraft: Annotated[
         str | None,
         typer.Option(
-            help="Model of the aircraft that flew: mass, inertia, geometry, engines.",
-            show_default="the descriptions'",
+            help="Model of the aircraft that flew: mass, inertia, geometry, engines.", show_default="the descriptions'"
         ),
     ] = None,
     hold_out: Annotated[

@@ -20,10 +20,7 @@ from testbench.line import Case
 from testbench.page.labels import number
 from testbench.page.words import Line, counted, listed, sentence, some
 from testbench.questions.identify.derivatives import FoundDerivative
-from testbench.questions.identify.instruments import (
-    agreement_in_words,
-    corrected_in_words,
-)
+from testbench.questions.identify.instruments import agreement_in_words, corrected_in_words
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.unpredicted import at_rest

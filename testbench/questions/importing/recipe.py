@@ -274,10 +274,7 @@ def _lateral(measured: Sequence[str], speed: float | None, autopilot: bool) -> _
         return (
             tuple(remarks),
             outputs,
-            {
-                "structure": "lateral_directional",
-                **_constants(["Y_0", "L_0", "N_0"], outputs),
-            },
+            {"structure": "lateral_directional", **_constants(["Y_0", "L_0", "N_0"], outputs)},
         )
     if not has_phi:
         remarks.append("phi was not measured: its trim value has the same influence as Y_0, so Y_0 stays zero")

@@ -227,17 +227,4 @@ def _card(
     except LimitError:  # trim lies outside: the card is refused, and says so
         shown = ()
     record = dataclasses.replace(flown.record, provenance={})
-    return Card(
-        number,
-        point,
-        spec,
-        status,
-        factor,
-        met,
-        flown.signal,
-        record,
-        band,
-        shown,
-        repeats,
-        reached,
-    )
+    return Card(number, point, spec, status, factor, met, flown.signal, record, band, shown, repeats, reached)

@@ -242,10 +242,7 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
         ("speed", f"{speed(point.V_m_s, plan)} true, {eas * factor:.3g} {unit} equivalent"),
         ("height", f"{height(point.h_m, plan)} above sea level, {above} above the field"),
         ("build-up", f"speed {steps.index(point.V_m_s) + 1} of {len(steps)}: {_steps_words(steps, plan)}"),
-        (
-            "trim",
-            f"alpha {shown('alpha', trimmed.alpha)}, {held}, hands off for {card.spec.settle_s:g} s",
-        ),
+        ("trim", f"alpha {shown('alpha', trimmed.alpha)}, {held}, hands off for {card.spec.settle_s:g} s"),
         ("to the onset", onset_words(card, plan)),
         (
             "runs",

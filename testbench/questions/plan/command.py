@@ -46,8 +46,7 @@ class FlownWith(str, Enum):
 
 
 AutopilotOption = Annotated[
-    FlownWith | None,
-    typer.Option(help="Who flies the cards. Default: as designed, or ardupilot.", show_default=False),
+    FlownWith | None, typer.Option(help="Who flies the cards. Default: as designed, or ardupilot.", show_default=False)
 ]
 
 

@@ -309,10 +309,7 @@ def _damping(plan: Plan, names: list[str]) -> fig.Panel:
             here = np.array([(p.V_m_s, m.zeta) for p in at for m in p.modes if m.name == name]).reshape(-1, 2)
             draws.append(fig.Curve(x=here[:, 0], y=here[:, 1], colour=fig.COLOURS[k % 6], marker="o", size=4.0))
             top = max(top, float(here[:, 1].max(initial=0.0)))
-    rules = [
-        fig.Rule(at=0.0, of="y", colour=fig.INK, width=0.7),
-        *_onsets(plan),
-    ]
+    rules = [fig.Rule(at=0.0, of="y", colour=fig.INK, width=0.7), *_onsets(plan)]
     return fig.Panel(
         draws=[*draws, *rules], title="least damped elastic modes", y="damping ratio ζ", x_range=(low, high),
         y_range=(-0.25 * top, 1.15 * top), tall_in=2.3,

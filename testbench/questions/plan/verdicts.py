@@ -240,10 +240,7 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     reached = error <= goal and _believed(f, k, found, promised)
     told = causes if not reached else ()
     if found.scatter > 1.0 and not reached:
-        told = (
-            f"the runs differ by {found.scatter:.2g} times their errors: air, trim or speed differed",
-            *told,
-        )
+        told = (f"the runs differ by {found.scatter:.2g} times their errors: air, trim or speed differed", *told)
     more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
     verdict: Verdict = "reached" if reached else "not reached"
     return Target(*base, found, error, allowed, differs, verdict, told, more, factor, lasting)

@@ -13,8 +13,7 @@ from testbench.questions.options import OutOption, with_figures
 
 @with_figures
 def command(
-    what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all",
-    out: OutOption = Path("results"),
+    what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all", out: OutOption = Path("results")
 ) -> None:
     """Reproduce the papers' figures and tables, and compare every printed number with ours.
 

@@ -21,16 +21,7 @@ from testbench.page.labels import number, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import EOLO_FUTURE, EOLO_PAST, Bench, attempt, bench, dsr_e, lost_poles
-from testbench.questions.reproduce.section import (
-    Comparison,
-    Say,
-    Section,
-    Why,
-    claim_row,
-    judge_claim,
-    line,
-    plate,
-)
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, judge_claim, line, plate
 from testbench.sensors import load_suite
 
 SEEDS = 8

@@ -17,16 +17,7 @@ from testbench.page.labels import ratio_unit, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
-from testbench.questions.reproduce.section import (
-    Comparison,
-    Say,
-    Section,
-    Why,
-    claim_row,
-    judge_claim,
-    line,
-    plate,
-)
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, judge_claim, line, plate
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario

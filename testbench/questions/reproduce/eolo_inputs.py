@@ -12,16 +12,7 @@ from testbench.page.labels import number
 from testbench.page.tables import Column, Table
 from testbench.page.words import listed
 from testbench.questions.reproduce.bench import BAND_RAD_S, EOLO_PAST, IDENTIFICATION
-from testbench.questions.reproduce.section import (
-    Comparison,
-    Say,
-    Section,
-    Why,
-    claim_row,
-    judge_claim,
-    line,
-    plate,
-)
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, judge_claim, line, plate
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario

@@ -326,13 +326,7 @@ def _plate(curves: Mapping[str, Sequence[Trial]], decimated: Sequence[Trial]) ->
         "0.04 s). Right: the fourth singular value, median; below 1 it is noise.",
         (
             Panel(x="future horizon, s", y="runs with a lost pole, %", draws=lost, log_x=True, y_range=(-3.0, 103.0)),
-            Panel(
-                x="future horizon, s",
-                y="4th singular value",
-                draws=[*fourth, floor],
-                log_x=True,
-                log_y=True,
-            ),
+            Panel(x="future horizon, s", y="4th singular value", draws=[*fourth, floor], log_x=True, log_y=True),
         ),
         height_in=2.1,
     )

@@ -14,16 +14,7 @@ from testbench.estimators.settings import TransferFunctions
 from testbench.page.figure import Panel, Plate
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.reproduce.bench import DOUBLET_S, LOG_HZ, Bench, attempt, bench
-from testbench.questions.reproduce.section import (
-    Comparison,
-    Say,
-    Section,
-    Why,
-    claim_row,
-    judge_claim,
-    line,
-    plate,
-)
+from testbench.questions.reproduce.section import Comparison, Say, Section, Why, claim_row, judge_claim, line, plate
 from testbench.questions.reproduce.taurus_model import fast_pair
 from testbench.sensors import load_suite
 

@@ -19,8 +19,7 @@ def command(
         Path | None, typer.Argument(help="A second result, for comparison with the first.", show_default=False)
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for the page of two results. Default: FIRST_and_SECOND."),
+        Path | None, typer.Option("--out", "-o", help="Folder for the page of two results. Default: FIRST_and_SECOND.")
     ] = None,
     verify: Annotated[
         bool, typer.Option("--verify", help="Verify that the files of one result are unchanged.")

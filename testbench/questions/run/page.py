@@ -68,10 +68,7 @@ def run_page(result: RunResult, V_m_s: float | None = None, beside: Sequence[Map
             *_records(result),
         ],
         source=source_of(result.source),
-        terminal=[
-            *_scores_in_short(result),
-            *([failed_table(result.failed)] if result.failed else []),
-        ],
+        terminal=[*_scores_in_short(result), *([failed_table(result.failed)] if result.failed else [])],
     )
 
 

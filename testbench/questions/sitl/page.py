@@ -42,7 +42,7 @@ def answer(served: Served) -> list[str | tuple[str, str]]:
     tally = served.tally
     total = sum(f.duration_s for f in tally.flights)
     out: list[str | tuple[str, str]] = [
-        ("lead", f"{counted(len(tally.flights), 'flight')}, {total:.1f} s in {counted(tally.steps, 'step')}"),
+        ("lead", f"{counted(len(tally.flights), 'flight')}, {total:.1f} s in {counted(tally.steps, 'step')}")
     ]
     for k, flight in enumerate(tally.flights, 1):
         if flight.reason:

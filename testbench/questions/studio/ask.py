@@ -141,10 +141,7 @@ def _offered(suite: str, points: Mapping[str, Json]) -> bool:
 
 
 def _point(
-    aircraft: Aircraft,
-    trimmed: TrimmedFlight,
-    suites: Mapping[str, SensorSuite],
-    borrowed: Mapping[str, SensorSuite],
+    aircraft: Aircraft, trimmed: TrimmedFlight, suites: Mapping[str, SensorSuite], borrowed: Mapping[str, SensorSuite]
 ) -> Json:
     linear = linearise(aircraft, trimmed)
     modes = {plane: modes_of(linear, aircraft, plane) for plane in ("longitudinal", "lateral")}
@@ -165,10 +162,7 @@ def _seen_by(suites: Mapping[str, SensorSuite], control: str, plane: Plane) -> d
     return {n: s for n, s in suites.items() if {control, f"{control}_cmd"} & {*s.channels} and felt & {*s.channels}}
 
 
-_FELT = {
-    "longitudinal": ("V", "u", "alpha", "q", "theta", "ax", "az"),
-    "lateral": ("beta", "p", "r", "phi", "ay"),
-}
+_FELT = {"longitudinal": ("V", "u", "alpha", "q", "theta", "ax", "az"), "lateral": ("beta", "p", "r", "phi", "ay")}
 
 
 def _axis(
@@ -185,13 +179,7 @@ def _axis(
     structure = next(iter(problems.values())).experiment.structure
     elastic = elastic_modes(aircraft, plane)
     views = aircraft_structure(
-        linear,
-        trimmed,
-        plane,
-        elastic,
-        structure.inputs,
-        VIEWS[plane],
-        structure.parameter_names,
+        linear, trimmed, plane, elastic, structure.inputs, VIEWS[plane], structure.parameter_names
     )
     of_interest = (_main_mode(modes, plane), *elastic.values())
     aimed = {n: p for mode in of_interest for n, p in roots_of(modes, mode).items()}

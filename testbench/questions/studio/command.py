@@ -15,8 +15,7 @@ def command(
         list[str] | None, typer.Argument(help="Aircraft to offer; all of them if none is named.")
     ] = None,
     write: Annotated[
-        Path | None,
-        typer.Option(help="Write the page to this file instead of serving it.", show_default=False),
+        Path | None, typer.Option(help="Write the page to this file instead of serving it.", show_default=False)
     ] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
 ) -> None:

@@ -13,16 +13,7 @@ from testbench.estimators.parametric.kalman.augmented import Gaussian
 from testbench.estimators.parametric.structures.longitudinal import short_period
 from testbench.estimators.settings import ExtendedFilter, UnscentedFilter
 
-TRUE = {
-    "Z_0": 0.0,
-    "Z_alpha": -0.9,
-    "Z_q": -0.02,
-    "Z_de": -0.1,
-    "M_0": 0.0,
-    "M_alpha": -5.0,
-    "M_q": -1.8,
-    "M_de": -7.0,
-}
+TRUE = {"Z_0": 0.0, "Z_alpha": -0.9, "Z_q": -0.02, "Z_de": -0.1, "M_0": 0.0, "M_alpha": -5.0, "M_q": -1.8, "M_de": -7.0}
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")
 NOISE = np.array([2e-3, 4e-3])
 DT = 0.04

@@ -105,13 +105,7 @@ def test_it_is_the_regression_of_the_same_signals():
     )  # one cut-off for all: nothing is lost from one state alone
     biased = {name: value + bias[name] for name, value in model.values.items()}
     assert dict(zip(terms, fit[:, 1], strict=True)) == pytest.approx(
-        {
-            "alpha": biased["M_alpha"],
-            "q": biased["M_q"],
-            "de": biased["M_de"],
-            "1": biased["M_0"],
-        },
-        rel=1e-8,
+        {"alpha": biased["M_alpha"], "q": biased["M_q"], "de": biased["M_de"], "1": biased["M_0"]}, rel=1e-8
     )
     ours = SHORT.matrices(np.array(list(biased.values())))
     assert np.allclose(fit[:2].T, ours.A, rtol=1e-7)

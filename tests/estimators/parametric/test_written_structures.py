@@ -211,10 +211,7 @@ MORE = {
     "a lift that stalls": (
         {
             "states": ["alpha", "q"],
-            "equations": {
-                "alpha_dot": "q + Z*alpha + stall*max(alpha - 0.05, 0)",
-                "q_dot": "M*alpha + M_q*q + D*de",
-            },
+            "equations": {"alpha_dot": "q + Z*alpha + stall*max(alpha - 0.05, 0)", "q_dot": "M*alpha + M_q*q + D*de"},
         },
         {"Z": -2.0, "stall": 1.5, "M": -12.0, "M_q": -2.0, "D": -15.0},
     ),

@@ -17,10 +17,7 @@ from testbench.flight.executive import ACCELERATIONS, Executive
 from testbench.flight.simulate import commands
 from testbench.flight.trim import place_at_trim
 
-_PROPERTIES = (
-    *(f"forces/fb{axis}-aero-lbs" for axis in "xyz"),
-    *(f"moments/{axis}-aero-lbsft" for axis in "lmn"),
-)
+_PROPERTIES = (*(f"forces/fb{axis}-aero-lbs" for axis in "xyz"), *(f"moments/{axis}-aero-lbsft" for axis in "lmn"))
 
 
 def flown(name: str, share: float = 0.005):

@@ -234,10 +234,7 @@ def _naive(name: str, folder: Path) -> dict[str, tuple[float | str, str]]:
             "largest_deg": (lambda: n("largest_deg") / 0.8, "the margin is missing"),
             "n_peak": (lambda: n("n_peak") - 1.0, "one g of level flight"),
         },
-        "coloured_residuals": {
-            "inflation": (lambda: 1.0, "not white"),
-            "cure": (lambda: "faster", "more samples"),
-        },
+        "coloured_residuals": {"inflation": (lambda: 1.0, "not white"), "cure": (lambda: "faster", "more samples")},
         "which_sensor_lies": {"kind": (lambda: other[str(good["kind"])], "value")},
         "dsr_horizon": {
             "zeta": (lambda: _with_four_samples(folder), "four samples"),

@@ -36,10 +36,6 @@ def commands(seconds: float = 8.0) -> tuple[FlightRecord, ...]:
     rudder = doublet(1.0, 0.5, 0.05) + doublet(4.0, 0.5, 0.02)
     aileron = doublet(1.0, 0.4, 0.06) + doublet(4.0, 0.4, 0.02)
     pull, throttle = doublet(2.0, 0.5, -0.04), 0.15 * ((t > 4.0) & (t < 6.5))
-    made = (
-        (none, none, rudder, none),
-        (none, aileron, none, none),
-        (pull, doublet(1.0, 0.3, 0.02), none, throttle),
-    )
+    made = ((none, none, rudder, none), (none, aileron, none, none), (pull, doublet(1.0, 0.3, 0.02), none, throttle))
     channels = ("de_cmd", "da_cmd", "dr_cmd", "thr_cmd")
     return tuple(FlightRecord(t_s=t, channels=channels, data=np.column_stack(u), kind="measured") for u in made)

@@ -79,13 +79,7 @@ def test_every_kind_of_truth_flies_and_leaves_the_commands_as_issued(name):
         differs = differs or any(
             not np.array_equal(record[c], plain[key][c]) for c in ("V", "alpha", "q", "theta", "az")
         )
-    motors = (
-        "slow motor",
-        "motor of two times",
-        "motor of two stages",
-        "motor with a bent curve",
-        "stronger motor",
-    )
+    motors = ("slow motor", "motor of two times", "motor of two stages", "motor with a bent curve", "stronger motor")
     assert differs or name in motors  # these flights leave the throttle where it is
 
 

@@ -192,8 +192,7 @@ def test_calm_flights_are_no_gap(believed, calm):
 
 
 @pytest.mark.parametrize(
-    ("kind", "sizes"),
-    [("slow servo", {"lag_rad_s": 12.0}), ("frozen attitude", {"length_s": 0.8})],
+    ("kind", "sizes"), [("slow servo", {"lag_rad_s": 12.0}), ("frozen attitude", {"length_s": 0.8})]
 )
 def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed, kind, sizes):
     records = list(fly_truth("taurus", TRUTHS[kind](sizes, "taurus"), "short", 8).values())

@@ -176,11 +176,7 @@ def test_what_is_hidden_is_named_among_what_resembles_it(kinds, factors, known, 
             {"CL_alpha": 0.945, "CD": 0.985, "Cm_alpha": 1.059, "Cm_q": 0.849, "Cm_de": 1.11},
             ("rate_limit", "surface_scale", "theta_delay"),
         ),
-        (
-            {"late link": {"delay_s": 0.05}, "roughness": {"CD0": 0.03}},
-            {},
-            ("transport_delay", "drag_increment"),
-        ),
+        ({"late link": {"delay_s": 0.05}, "roughness": {"CD0": 0.03}}, {}, ("transport_delay", "drag_increment")),
     ],
     ids=["a stall that first flies too early", "a linkage whose work a coefficient does", "drag beside a late link"],
 )

@@ -138,12 +138,7 @@ def test_yaw_damping_is_accused_where_the_late_sideslip_is_not_known(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("printed", "factor"),
-    [
-        *((n, f) for n in ("Lp", "Lda", "Nb", "Ndr") for f in (0.7, 1.4)),
-        ("Lb", 0.6),
-        ("Nr", 2.0),
-    ],
+    ("printed", "factor"), [*((n, f) for n in ("Lp", "Lda", "Nb", "Ndr") for f in (0.7, 1.4)), ("Lb", 0.6), ("Nr", 2.0)]
 )
 def test_a_falsified_lateral_derivative_is_found_and_no_other_one_is_named(tmp_path, printed, factor):
     found = fly(tmp_path, {printed: factor}, effects={})

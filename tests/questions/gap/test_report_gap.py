@@ -122,11 +122,7 @@ def test_the_page_of_a_plan(monkeypatch, tmp_path):
     plan = plan_module.plan_gap(Scenario.load("eolo_alpha"), draws=90)
     paths = gap_plan_page(plan).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")
-    for words in (
-        "Rate at which each effect would be named",
-        "Confusion of effects",
-        "bias of the q sensor",
-    ):
+    for words in ("Rate at which each effect would be named", "Confusion of effects", "bias of the q sensor"):
         assert words in page
     assert {"power.png", "confusion.png", "power.csv", "again.csv", "unseen.csv"} <= {p.name for p in paths}
     console = Console(file=io.StringIO(), width=120)

@@ -189,9 +189,7 @@ def test_a_feedback_too_small_for_the_motion_is_named_by_the_surface():
 
 
 @pytest.mark.parametrize(
-    "hidden",
-    [pytest.param(slow_servo(10.0), marks=pytest.mark.slow), slewed_command(0.25)],
-    ids=["slow", "slew"],
+    "hidden", [pytest.param(slow_servo(10.0), marks=pytest.mark.slow), slewed_command(0.25)], ids=["slow", "slew"]
 )
 def test_a_fault_of_the_servo_that_is_not_held_is_no_effect_of_the_air(hidden):
     """What remains of the surface needs an unknown deflection, and no moment of the air explains that.

@@ -228,11 +228,7 @@ def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
         driven(damped, of_nothing(NOISE_RAD), {}, "both")
 
 
-@pytest.mark.parametrize(
-    "hidden",
-    [SLOW, rate_feedback(0.1)],
-    ids=["slow servo", "feedback"],
-)
+@pytest.mark.parametrize("hidden", [SLOW, rate_feedback(0.1)], ids=["slow servo", "feedback"])
 def test_what_is_wrong_with_a_servo_is_not_seen_and_names_nothing(hidden):
     b = believe()
     finding = find_gap(b, measure(b, hidden, amplitudes=(2.0,)), {}, GapSearch(effects=FEW))

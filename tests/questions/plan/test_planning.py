@@ -408,10 +408,7 @@ def test_all_faults_of_a_file_at_once(tmp_path):
         ({"manoeuvre": [manoeuvre(speeds_m_s=[13.0])]}, "must be among those of the plan"),
         ({"speeds_m_s": [12.0, 12.0]}, "every value must stand there once"),
         ({"limits": {"alpha_deg": [5.0, 3.0]}}, "low < high must hold"),
-        (
-            {"manoeuvre": [manoeuvre(input=[DOUBLET, {**DOUBLET, "control": "da"}])]},
-            "must belong to one motion",
-        ),
+        ({"manoeuvre": [manoeuvre(input=[DOUBLET, {**DOUBLET, "control": "da"}])]}, "must belong to one motion"),
         (
             {
                 "flown_by": "pilot",

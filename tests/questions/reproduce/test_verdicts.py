@@ -13,15 +13,7 @@ from testbench.questions.reproduce import (
     taurus_model,
 )
 from testbench.questions.reproduce.bench import TABLE_3, TABLE_4, A
-from testbench.questions.reproduce.section import (
-    Why,
-    Written,
-    claim_row,
-    judge_claim,
-    judge_number,
-    number_row,
-    tally,
-)
+from testbench.questions.reproduce.section import Why, Written, claim_row, judge_claim, judge_number, number_row, tally
 
 WHY = Why("same", "similar", "other")
 

@@ -60,9 +60,7 @@ def manoeuvres(aircraft: str, which: str) -> dict[str, Signals]:
                 "de": joined(10.0, [(1.0, doublet(0.3, e)), (6.5, doublet(0.3, e))]),
                 "thr": joined(10.0, [(0.2, np.full(round(5.0 * LOG_HZ), 1.1 * t))]),
             },
-            "pull-ups": {
-                "de": joined(9.0, [(0.5, half_sine(1.6, -0.9 * e)), (5.0, half_sine(0.8, -1.5 * e))]),
-            },
+            "pull-ups": {"de": joined(9.0, [(0.5, half_sine(1.6, -0.9 * e)), (5.0, half_sine(0.8, -1.5 * e))])},
         },
         "short": {
             "3211": {"de": steps(8.0, switch, (3, 2, 1, 1), e)},

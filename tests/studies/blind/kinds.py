@@ -68,17 +68,11 @@ def kind(form: str, names: str, draw: Draw, size: str = "", near: bool = False) 
 LIBRARY_FORM: Mapping[str, Kind] = {
     "slow servo": kind("library", "actuator_lag", between(lag_rad_s=(7.0, 22.0)), "lag_rad_s"),
     "servo of second order": kind(
-        "library",
-        "second_order_actuator",
-        between(omega_rad_s=(10.0, 30.0), zeta=(0.4, 1.1)),
-        "omega_rad_s",
+        "library", "second_order_actuator", between(omega_rad_s=(10.0, 30.0), zeta=(0.4, 1.1)), "omega_rad_s"
     ),
     "slew limit": kind("library", "rate_limit", between(limit_rad_s=(0.12, 0.35)), "limit_rad_s"),
     "two slew limits": kind(
-        "library",
-        "asymmetric_rate_limit",
-        between(down_rad_s=(0.2, 0.28), up_rad_s=(0.35, 0.55)),
-        "down_rad_s",
+        "library", "asymmetric_rate_limit", between(down_rad_s=(0.2, 0.28), up_rad_s=(0.35, 0.55)), "down_rad_s"
     ),
     "late link": kind("library", "transport_delay", between(delay_s=(0.03, 0.12)), "delay_s"),
     "play": kind("library", "free_play", between(width_rad=(0.012, 0.035)), "width_rad"),
@@ -96,10 +90,7 @@ LIBRARY_FORM: Mapping[str, Kind] = {
     "rate feedback": kind("library", "pitch_damper", between(gain_s=(0.08, 0.3)), "gain_s"),
     "damper with washout": kind("library", "washed_pitch_damper pitch_damper", between(gain_s=(0.1, 0.3)), "gain_s"),
     "separation": kind(
-        "library",
-        "stall stall_hysteresis",
-        between(alpha_rad=(0.11, 0.15), sharpness=(12.0, 30.0)),
-        "alpha_rad",
+        "library", "stall stall_hysteresis", between(alpha_rad=(0.11, 0.15), sharpness=(12.0, 30.0)), "alpha_rad"
     ),
     "bent lift line": kind("library", "nonlinear_lift", between(curve_=(3.0, 8.0)), "curve -> CL_alpha2"),
     "effectiveness with speed": kind("library", "speed_effectiveness", between(k_=(0.4, 1.2)), "k"),
@@ -120,9 +111,7 @@ LIBRARY_FORM: Mapping[str, Kind] = {
 OTHER_FORM: Mapping[str, Kind] = {
     "servo of two stages": kind("other", "second_order_actuator actuator_lag", between(lag_rad_s=(15.0, 35.0))),
     "servo of three stages": kind(
-        "other",
-        "delayed_servo second_order_actuator actuator_lag",
-        between(lag_rad_s=(25.0, 50.0)),
+        "other", "delayed_servo second_order_actuator actuator_lag", between(lag_rad_s=(25.0, 50.0))
     ),
     "soft slew limit": kind(
         "other", "rate_limit asymmetric_rate_limit", between(limit_rad_s=(0.12, 0.35)), "limit_rad_s"
@@ -142,9 +131,7 @@ OTHER_FORM: Mapping[str, Kind] = {
     "late wake": kind("other", "wake_lag alpha_dot", between(time_s=(0.1, 0.3), Cm=(0.5, 1.2))),
     "damper that filters": kind("other", "filtered_pitch_damper pitch_damper", between(gain_s=(0.1, 0.3)), "gain_s"),
     "sigmoid stall": kind(
-        "other",
-        "stall stall_hysteresis",
-        between(alpha_rad=(0.10, 0.13), slope=(60.0, 120.0), loss=(0.4, 0.7)),
+        "other", "stall stall_hysteresis", between(alpha_rad=(0.10, 0.13), slope=(60.0, 120.0), loss=(0.4, 0.7))
     ),
     "tail that twists": kind("other", "speed_effectiveness", between(k=(0.6, 1.5))),
     "flexible wings": kind("other", "wing_bending wing_torsion", between()),

@@ -9,18 +9,7 @@ from typing import Any
 from scipy.stats import chi2
 from studies.blind.cases import COUNTS, SHORT, WITHOUT, Case
 from studies.blind.parts import called
-from studies.blind.score import (
-    FEWEST,
-    ByEffect,
-    Rate,
-    Score,
-    by_effect,
-    judge,
-    rates,
-    removed,
-    set_size,
-    sizes,
-)
+from studies.blind.score import FEWEST, ByEffect, Rate, Score, by_effect, judge, rates, removed, set_size, sizes
 from tables import write_rows
 
 from testbench.core.proportion import proportion_interval

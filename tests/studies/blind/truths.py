@@ -430,10 +430,7 @@ TRUTHS: Mapping[str, Make] = {
         -s["ratio"] / (1.0 + s["ratio"]) * s["aft"] * number_of(a, "cbar_m"),
     ),
     "open door": lambda s, a: Truth(
-        changes=(
-            coefficient("DRAG", number(s["CD0"])),
-            coefficient("PITCH", number(0.1 * s["CD0"])),
-        )
+        changes=(coefficient("DRAG", number(s["CD0"])), coefficient("PITCH", number(0.1 * s["CD0"])))
     ),
     "late wake": wake,
     "damper that filters": filtered_damper,

@@ -58,11 +58,7 @@ _COLUMNS = {
     "streams": treatments.STREAM_TREATMENTS, "places": treatments.PLACES, "surroundings": ("surroundings",),
 }  # fmt: skip
 _MEANT = (
-    (
-        "kinds",
-        "mutated files of every kind that is read: TOML, XML, geometry, modes, models, stores, keys",
-        3000,
-    ),
+    ("kinds", "mutated files of every kind that is read: TOML, XML, geometry, modes, models, stores, keys", 3000),
     ("nonsense", "nonsensical values and files, none of which may be accepted", 60),
     ("scenarios", "mutated scenarios, suites, structures and ground tests of every kind, read", 3000),
     ("flown", "of these, changed scenarios that were accepted, flown for 20 s of processor at most", 150),

@@ -366,10 +366,7 @@ def estimate_by(
         covariance=covariance,
         covariance_plain=covariance.copy(),
         noise_covariance=np.diag(G**2),
-        operating_point=(
-            np.mean(np.vstack([t.states for t in tracks]), axis=0),
-            np.mean(np.vstack(inputs), axis=0),
-        ),
+        operating_point=(np.mean(np.vstack([t.states for t in tracks]), axis=0), np.mean(np.vstack(inputs), axis=0)),
         substeps=settings.substeps,
     )
     return advise_filter(model)

@@ -140,12 +140,7 @@ class Run(NamedTuple):
 
 
 def innovations(
-    structure: ModelStructure,
-    rows: Rows,
-    u: FloatArray,
-    y: AnyArray,
-    valid: NDArray[np.bool_],
-    sampling: Sampling,
+    structure: ModelStructure, rows: Rows, u: FloatArray, y: AnyArray, valid: NDArray[np.bool_], sampling: Sampling
 ) -> Run:
     """Run x+ = prediction of (x + K v), v = y - h(x, u) over a record.
 
@@ -179,12 +174,7 @@ def innovations(
 
 
 def _linear(
-    structure: LinearStructure,
-    rows: Rows,
-    u: FloatArray,
-    y: AnyArray,
-    valid: NDArray[np.bool_],
-    sampling: Sampling,
+    structure: LinearStructure, rows: Rows, u: FloatArray, y: AnyArray, valid: NDArray[np.bool_], sampling: Sampling
 ) -> Run:
     """Run the nominal row, then the complex steps: linear, x and v known, all of them obey x+ = A (1 - K M C) x + F."""
     s = structure.matrices(rows.params)

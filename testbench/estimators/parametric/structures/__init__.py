@@ -6,11 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
-from testbench.estimators.parametric.structures.lateral import (
-    lateral_directional,
-    lateral_per_speed,
-    roll_yaw_rates,
-)
+from testbench.estimators.parametric.structures.lateral import lateral_directional, lateral_per_speed, roll_yaw_rates
 from testbench.estimators.parametric.structures.longitudinal import flexible, longitudinal, short_period
 from testbench.estimators.parametric.structures.settings import Trim
 

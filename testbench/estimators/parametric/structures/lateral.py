@@ -103,10 +103,7 @@ def lateral_per_speed(outputs: Sequence[str] = _STATES, controls: Sequence[str] 
     return Packaged.of("lateral_per_speed", Law.of(_STATES, controls, outputs, parameters, steps, shown), parameters)
 
 
-def roll_yaw_rates(
-    outputs: Sequence[str] = ("p", "r"),
-    controls: Sequence[str] = ("da", "dr"),
-) -> Packaged:
+def roll_yaw_rates(outputs: Sequence[str] = ("p", "r"), controls: Sequence[str] = ("da", "dr")) -> Packaged:
     """Return roll and yaw rate driven by controls and by the measured sideslip.
 
         pdot = L_0 + L_p p + L_r r + L_da da + L_dr dr + L_beta beta;    rdot likewise with N

@@ -22,8 +22,7 @@ def benchmark(
         ),
     ] = None,
     only: Annotated[
-        list[str] | None,
-        typer.Option(help="Packaged method, instead of all. May be repeated.", show_default=False),
+        list[str] | None, typer.Option(help="Packaged method, instead of all. May be repeated.", show_default=False)
     ] = None,
     data: Annotated[
         list[str] | None, typer.Option(help="Data set, instead of all. May be repeated.", show_default=False)

@@ -128,10 +128,7 @@ TITLE, LEVEL, MINUTES = "Wrong standard errors: coloured residuals", 2, 75
 QUESTIONS = (
     Number("autocorrelation", "1", "Autocorrelation of the residuals from one sample to the next", 0.0, 0.05),
     Number(
-        "std_said_1_s2",
-        "1/s2",
-        "Standard error of M_alpha of one flight that the formula for white noise gives",
-        0.2,
+        "std_said_1_s2", "1/s2", "Standard error of M_alpha of one flight that the formula for white noise gives", 0.2
     ),
     Number("inflation", "1", "Factor by which the true standard error of one flight is larger", 0.3),
     Choice(

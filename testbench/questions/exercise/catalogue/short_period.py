@@ -29,11 +29,7 @@ _SUITE = SensorSuite(
     "exercise",
     "air data boom, gyro and elevator of the exercise",
     50.0,
-    (
-        Sensor("alpha", noise_std=0.1 * DEG_RAD),
-        Sensor("q", noise_std=0.3 * DEG_RAD),
-        Sensor("de", noise_std=0.0),
-    ),
+    (Sensor("alpha", noise_std=0.1 * DEG_RAD), Sensor("q", noise_std=0.3 * DEG_RAD), Sensor("de", noise_std=0.0)),
 )
 
 

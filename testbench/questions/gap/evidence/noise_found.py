@@ -98,10 +98,7 @@ class NoiseFound:
 
 
 def find_noise(
-    believed: Believed,
-    records: Sequence[FlightRecord],
-    source: Source = "stated",
-    model: Believed | None = None,
+    believed: Believed, records: Sequence[FlightRecord], source: Source = "stated", model: Believed | None = None
 ) -> NoiseFound:
     """Return the noise of the channels that are compared, as measured records show it.
 

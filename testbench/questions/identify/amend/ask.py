@@ -58,13 +58,7 @@ from testbench.questions.identify.amend.choose import (
     servo_aims,
     with_lag,
 )
-from testbench.questions.identify.amend.folder import (
-    SOURCES,
-    aircraft_files,
-    base_texts,
-    folder_of,
-    write_folder,
-)
+from testbench.questions.identify.amend.folder import SOURCES, aircraft_files, base_texts, folder_of, write_folder
 from testbench.questions.identify.amend.result import Aim, Amended, Coefficient, Replay, ServoAim
 from testbench.questions.identify.derivatives import Before, FoundDerivative, covariance_of, servos_of
 from testbench.questions.identify.instruments import agreement_in_words
@@ -654,13 +648,7 @@ def _deviations(parts: Sequence[_Part], new: Aircraft) -> dict[str, float]:
     return out
 
 
-def _origin(
-    name: str,
-    base: Aircraft,
-    parts: Sequence[_Part],
-    changed: Sequence[Coefficient],
-    sources: str,
-) -> str:
+def _origin(name: str, base: Aircraft, parts: Sequence[_Part], changed: Sequence[Coefficient], sources: str) -> str:
     """Return SOURCES.md: what changed, by which flight, and what the sources of the aircraft before say."""
     lines = [
         f"# {markdown_cell(name)}: sources",

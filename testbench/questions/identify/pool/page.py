@@ -96,10 +96,7 @@ def pooled_table(flights: PooledFlights) -> Table:
     if scaled:
         columns.append(Column("shared_std", "airspeed, mass, inertia ±", digits=2))
     if sloped:
-        columns += [
-            Column("slope", f"slope per {unit}", digits=3),
-            Column("slope_std", "± std", digits=2),
-        ]
+        columns += [Column("slope", f"slope per {unit}", digits=3), Column("slope_std", "± std", digits=2)]
     if believed:
         columns += [
             Column("prior", "prior", digits=4),
