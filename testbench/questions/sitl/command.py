@@ -91,6 +91,10 @@ def command(
             try:
                 serve(served, outputs, to.value, (address, where), idle or math.inf, say, pace)
             except KeyboardInterrupt:
+                if not (
+                    served.frames or served.tally.flights
+                ):  # nothing was flown: no flight to keep, no autopilot to miss
+                    raise
                 say("ended by hand")
         served.end()
         if not served.tally.flights:

@@ -413,6 +413,19 @@ def test_bad_options_are_refused_in_one_line(monkeypatch, capsys, tmp_path, word
     assert len(said) <= 3
 
 
+def test_ctrl_c_before_an_autopilot_comes_is_an_interruption(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("testbench.questions.sitl.links.serve", raised_by_hand)
+    status, said = ends(monkeypatch, capsys, "sitl", "taurus", "--port", free_port())
+    assert status == 130
+    assert "none did" not in said[-1]
+    assert not (tmp_path / "results").exists()
+
+
+def raised_by_hand(*_):
+    raise KeyboardInterrupt
+
+
 def test_ctrl_c_ends_the_command_with_its_records(tmp_path):
     port = free_port()
     words = ["sitl", "taurus", "--port", str(port), "--release", "0", "--sensors", "taurus_8hz", "-o", "out"]

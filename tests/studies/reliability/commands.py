@@ -59,8 +59,10 @@ def run(due: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def commands(part: int, share: float = 1.0) -> list[Row]:
-    """Treat the commands of a part."""
-    return go_on(part_of(part), names(list(CASES)[part::PARTS], share), run)
+    """Treat the commands of a part; a new command moves others to another part, where their rows do not follow."""
+    elsewhere = {row["case"] for other in range(PARTS) if other != part for row in rows_of(part_of(other))}
+    due = [name for name in names(list(CASES)[part::PARTS], share) if name not in elsewhere]
+    return go_on(part_of(part), due, run)
 
 
 def rows() -> list[Row]:

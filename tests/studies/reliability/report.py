@@ -69,7 +69,8 @@ _MEANT = (
 
 
 def write() -> Path:
-    """Write the page from the rows that are kept."""
+    """Write the page from the rows that are kept; parts without rows here keep what the page says of them."""
+    before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
     kept = {part: rows_of(part) for part, _, _ in _MEANT}
     found = commands.rows()
     loads = sorted(float(row["load"]) for rows in (found, *kept.values()) for row in rows)
@@ -78,8 +79,14 @@ def write() -> Path:
         python=platform.python_version(), load=load, cores=os.cpu_count(), damages="bits, bytes, numbers and lines",
         commands=_of_commands(found), found=_faults_of(found), **_shares(),
     )  # fmt: skip
-    text += "".join(_line(words, meant, kept[part]) for part, words, meant in _MEANT)
+    text += "".join(_line(words, meant, kept[part], before) for part, words, meant in _MEANT)
     said = [f"- {row['case']}: {row['said']}" for part in ("crashes", "sizes") for row in kept[part]]
+    _, _, figures = before.partition("## Figures\n\n")
+    said += [
+        line
+        for line in figures.partition("\n\n")[0].splitlines()
+        if not kept["sizes"] and not any(line.startswith(f"- {row['case']}: ") for row in kept["crashes"])
+    ]
     looked = Counter(row["case"].rpartition(" ")[0] for row in kept["records"] if row["outcome"] == "to be looked at")
     text += "\n## Figures\n\n" + "\n".join(said or ["Not measured yet."]) + "\n"
     text += _of_records(looked)
@@ -126,7 +133,9 @@ def _faults_of(rows: Sequence[Row]) -> str:
     return "\n".join([*lines[:1], "", *lines[1:]]) + "\n"
 
 
-def _line(words: str, meant: int, rows: Sequence[Row]) -> str:
+def _line(words: str, meant: int, rows: Sequence[Row], before: str) -> str:
+    if not rows and f"| {words} |" in before:
+        return next(line for line in before.splitlines(keepends=True) if line.startswith(f"| {words} |"))
     found = Counter(row["outcome"] for row in rows)
     faults = sum(found[name] for name in FAULTS)
     shown = ", ".join(f"{count} {name}" for name, count in found.most_common()) or "not run"

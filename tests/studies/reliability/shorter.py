@@ -4,7 +4,9 @@ Each is called in the process before the command, see :class:`studies.reliabilit
 files are written and in which order is left as it is.
 """
 
+import fcntl
 import importlib
+import socket
 import threading
 from typing import Any
 
@@ -43,9 +45,13 @@ def an_autopilot() -> None:
     from testbench.questions.sitl import links
 
     links.PORTS["ardupilot"] = port = free_port()
+    autopilot = ArduPilot(port)
+    # Its socket must not take the number of a stream that is closed: it stands for another process.
+    number = fcntl.fcntl(autopilot.link.detach(), fcntl.F_DUPFD_CLOEXEC, 64)
+    autopilot.link = socket.socket(fileno=number)
+    autopilot.link.settimeout(1.0)
 
     def fly() -> None:
-        autopilot = ArduPilot(port)
         for _ in range(240):
             autopilot.step([1500, 1837, 1327, 1500])
 
