@@ -18,7 +18,8 @@ from scipy.special import logsumexp
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inference.calibrate import CREDIBLE, fewest
-from testbench.inference.fit import Data, Fit, Hypothesis, Keeper, Points, Posterior, Unknown, fit_together
+from testbench.inference.fit import WHOLE, Data, Fit, Hypothesis, Keeper, Points, Posterior, Unknown, fit_together
+from testbench.inference.linear import KAPPAS
 from testbench.inference.parameters import Noise
 
 if TYPE_CHECKING:
@@ -213,6 +214,13 @@ def compare_hypotheses(
     return Comparison(tuple(rows), dict(zip(names, zip(hypotheses, found, strict=True), strict=True)))
 
 
+def _passed(hypothesis: Hypothesis, ways: Sequence[FloatArray]) -> bool:
+    """Return whether a fit would begin where an earlier one has come by: between its first and its last point."""
+    begin = np.array(list(hypothesis.first.values()))
+    slack = 1e-9 * hypothesis.std
+    return any(bool(np.all((w.min(0) - slack <= begin) & (begin <= w.max(0) + slack))) for w in ways)
+
+
 def _fitted(
     hypotheses: Sequence[Hypothesis],
     data: Data,
@@ -238,15 +246,24 @@ def _fitted(
             keeper.keep(group, {"most": data.most, "fits": [f.told() for f in out]})
         return out
 
+    def whole(fits: Mapping[str, Fit]) -> bool:
+        """Return whether the best of them needs no unknown motion: from elsewhere others could be its equal at best."""
+        best = max([*fits.values(), *(fit for _, fit in known.values())], key=lambda f: f.log_evidence)
+        return data.unknown is not None and KAPPAS[best.k] <= WHOLE
+
     def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[Fit]:
         best = {h.name: known[h.name][1] for h in some if h.name in known}
         new = [h for h in some if h.name not in known or known[h.name][0] is not h]
+        ways: dict[str, list[FloatArray]] = {h.name: [] for h in new}  # first and last point of each fit
         for k in range(1 + max((len(h.more) for h in new), default=0)):
             begun = [replace(h, begin=(h.begin, *h.more)[k]) for h in new if k <= len(h.more)]
-            for found in at_rest(begun, scales):
-                name = found.hypothesis.name
-                if name not in best or found.log_evidence > best[name].log_evidence:
-                    best[name] = found
+            begun = [h for h in begun if not _passed(h, ways[h.name])]
+            if k and whole(best):
+                break
+            for one, found in zip(begun, at_rest(begun, scales), strict=True):
+                ways[one.name].append(np.array([list(one.first.values()), found.theta]))
+                if one.name not in best or found.log_evidence > best[one.name].log_evidence:
+                    best[one.name] = found
         return [best[h.name] for h in some]
 
     (first,) = run(hypotheses[:1])

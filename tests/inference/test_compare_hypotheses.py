@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -314,3 +315,35 @@ def test_fits_that_are_kept_are_those_that_were_made():
     again = Kept(first.new)
     assert rows(again) == whole
     assert again.new == {}
+
+
+@pytest.mark.parametrize(
+    ("besides", "begun"), [(0.0, [[8.0, 1.7]]), (0.3, [[8.0, 1.7], [8.3, 2.4], [2.2]])], ids=["whole", "part"]
+)
+def test_further_beginnings_are_tried_while_something_is_left_and_not_where_a_fit_came_by(besides, begun):
+    t = np.arange(200) * 0.05
+    q = 0.3 * np.sin(2.0 * t) + besides * np.exp(-((t - 5.0) ** 2)) + 0.01 * np.random.default_rng(3).normal(size=200)
+    w = Parameter("w", "effect", 5.0, 3.0, high=20.0)
+    hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - np.arange(0.0, 10.5, 0.5)) / 0.5)[:, None, :]
+
+    def sine(name, *beginnings):
+        first, *more = ({"w": x} for x in beginnings)
+        return Hypothesis(name, (w,), lambda r, x: 0.3 * np.sin(x["w"] * t)[:, None], begin=first, more=more)
+
+    class Begun(Kept):
+        def known(self, group):
+            self.new.setdefault("begun", []).append([float(x) for x in re.findall(r"\('w', ([\d.]+)\)\]", group)])
+
+        def keep(self, group, content):
+            pass
+
+    nothing = Hypothesis("nothing", (), lambda r, x: np.zeros((200, 1)))
+    some = [nothing, sine("far", 8.0, 8.3, 2.2), sine("near", 1.7, 2.4, 1.9)]  # 1.9 lies between 1.7 and the best, 2.0
+    keeper = Begun()
+    found = compare_hypotheses(
+        [FlightRecord(t, ("q",), q[:, None], "measured")], some, Noise({"q": 0.01}), lambda r: hats,
+        fitting=Fitting(0, keeper=keeper),
+    )  # fmt: skip
+    assert [some for some in keeper.new["begun"] if some] == begun
+    assert found["near"].posterior["w"][0] == pytest.approx(2.0, abs=0.03)
+    assert found["far"].posterior["w"][0] == pytest.approx(2.0 if besides else 8.0, abs=0.03)

@@ -505,7 +505,7 @@ class _Asker:
         ]
         if effect.name in self.rested:
             begins = [dict(self.rested[effect.name])]
-        elif scales:
+        elif scales and not effect.parts:  # several begin where one of them has come to rest
             begins += [
                 {own[n]: float(np.log(v)) if n in scales else v for n, v in zip(own, x.tolist(), strict=True)}
                 for x in self._scales_of(effect)
@@ -528,11 +528,16 @@ class _Asker:
         """Return sizes (p,) whose scales go through all that records can show, a factor of two apart.
 
         Re-tuned coefficients do most of what a limit takes away that is lower than any usual one. A fit from beside
-        them comes to rest there, so that believed coefficients stand beside each.
+        them comes to rest there, so that believed coefficients stand beside each. The ends come first: what a fit from
+        there passes on its way need not be begun from.
         """
         each = [(effect, x) for x in scaled(effect)]
         shown = zip(each, changes(self.start, each), strict=True)
-        return [x for (_, x), change in shown if change is not None and change @ change > INVISIBLE]
+        out = [x for (_, x), change in shown if change is not None and change @ change > INVISIBLE]
+        some = np.array([is_scale(p) for p in effect.parameters])
+        far = [float(np.mean(np.log(x[some]))) for x in out]
+        middle = 0.5 * (min(far, default=0.0) + max(far, default=0.0))
+        return [out[i] for i in np.argsort([-abs(f - middle) for f in far], kind="stable")]
 
     def ahead(self, points: Points) -> None:
         """Fly points of several hypotheses together; they are found when they are asked for."""
