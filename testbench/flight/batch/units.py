@@ -18,6 +18,10 @@ _FACTORS: dict[tuple[str, str], float] = {
     ("LBS", "KG"): 0.45359237,
     ("N", "LBS"): 0.22482,
     ("INHG", "PSF"): 70.7180803,
+    ("PSI", "INHG"): 2.03625437,
+    ("ATM", "INHG"): 29.9246899,
+    ("INHG", "PA"): 3386.0,
+    ("LBS/HP*HR", "KG/KW*HR"): 0.6083,
     ("IN3", "CC"): 16.387064,
     ("LTR", "IN3"): 61.0237441,
 }

@@ -158,7 +158,7 @@ def test_a_control_system_reads_what_an_engine_s_function_gave_in_the_last_frame
 BOOST = """
   <numboostspeeds>2</numboostspeeds> <boost-loss-factor>0.6</boost-loss-factor>
   <takeoffboost unit="PSI">3</takeoffboost>
-  <ratedboost1 unit="PSI">1</ratedboost1> <ratedboost2 unit="PSI">2</ratedboost2>
+  <ratedboost1 unit="PSI">1</ratedboost1> <ratedboost2 unit="INHG">4</ratedboost2>
   <ratedpower1>60</ratedpower1> <ratedpower2>60</ratedpower2> <ratedrpm1>2800</ratedrpm1> <ratedrpm2>2800</ratedrpm2>
   <ratedaltitude1 unit="FT">1980</ratedaltitude1> <ratedaltitude2 unit="FT">9000</ratedaltitude2>
 """
