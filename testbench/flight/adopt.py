@@ -537,13 +537,14 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
 def _sought(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
     """Return the slowest speed that trims, to 0.2 %, the fastest, in steps of 8 %, and why those beyond do not.
 
-    A search may fail where speeds on either side of it trim (JSBSim's PC-7 at 60 m/s): one such step is passed over.
+    A search may fail where speeds on either side of it trim (JSBSim's PC-7 at 60 m/s): one such step is passed over,
+    and said.
     """
     ends, reasons = [], []
     design, h_m = first.condition.V_m_s, first.condition.h_m
     for factor, last in ((1.0 / _SPEED_STEP, _SLOWER * design), (_SPEED_STEP, _FASTER * design)):
         end = V = design
-        failed, near = "", first
+        failed, near, missed = "", first, list[str]()
         while (V * factor - last) * (factor - 1.0) < 0.0:
             V *= factor
             try:
@@ -553,6 +554,7 @@ def _sought(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tup
                     break
                 failed = error.message
             else:
+                missed += [f"{V / factor:.3g}"] if failed else []
                 end, failed = V, ""
         # The slowest lies between the last speed that trims and the first that does not.
         beyond = end * factor
@@ -565,7 +567,8 @@ def _sought(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tup
             else:
                 end = middle
         ends.append(float(f"{end * (1.0 + _END if failed and factor < 1.0 else 1.0):.3g}"))
-        reasons.append(failed or "no trim was sought beyond")
+        between = f" (between these, none was found at {' and '.join(missed)} m/s)" if missed else ""
+        reasons.append((failed or "no trim was sought beyond") + between)
     return ends[0], ends[1], (reasons[0], reasons[1])
 
 
