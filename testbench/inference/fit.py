@@ -352,10 +352,7 @@ class Fit:
     def again(cls, told: Mapping[str, Any], hypothesis: Hypothesis, data: Data) -> Fit:
         """Return a fit at rest from what :meth:`told` said of it; its flights begin where they did."""
         if "theta" not in told:
-            begin = np.array(list(hypothesis.first.values()))
-            lost = cls(hypothesis, data, begin, (), (), np.ones(len(data.stated)))
-            lost.__dict__["log_evidence"] = told["log_evidence"]
-            return lost
+            return cls._lost(hypothesis, data, told["log_evidence"])
         moved = tuple(np.array(x) for x in told["moved"])
         for x in moved:
             hypothesis = (hypothesis.begun and hypothesis.begun(hypothesis.at(x))) or hypothesis
@@ -377,6 +374,14 @@ class Fit:
         return here
 
     @classmethod
+    def _lost(cls, hypothesis: Hypothesis, data: Data, log_evidence: float = -math.inf) -> Fit:
+        """Return a fit that cannot fly: no other is worse, and nothing is asked of it."""
+        begin = np.array(list(hypothesis.first.values()))
+        lost = cls(hypothesis, data, begin, (), (), np.ones(len(data.stated)))
+        lost.__dict__["log_evidence"] = log_evidence
+        return lost
+
+    @classmethod
     def of(cls, hypothesis: Hypothesis, data: Data, scales: FloatArray | None = None) -> Run:
         """Fit by Gauss and Newton's steps; noise scales come to rest where these do, from ``scales`` if they are given.
 
@@ -390,6 +395,8 @@ class Fit:
             known = [{n: s / data.stated for n, s in hypothesis.slopes(r).items()} for r in data.records]
             here = replace(here, tangents=known)
         here = yield from here._linearised(begin)
+        if not all(np.isfinite(b.residual).all() for b in here.blocks):
+            return cls._lost(hypothesis, data)
         here = here._at_rest() if scales is None else replace(here, scales=scales, k=here._best_of(scales))
         for _ in range(_REST):
             here = yield from here._started()
