@@ -5,8 +5,9 @@ done to a method that it biases would else look like missing dynamics. What that
 
     v = S b + X a + n,    n[k] = sum_j A[j] n[k - j] + e[k],
 
-with the slopes S of the model's parameters, the term X that a hypothesis adds to the model, and noise that may be
-coloured. Hypotheses are sets of causes, at most one of each place; a row of :data:`CAUSES` has its words:
+with the slopes S of the model's parameters and initial states, the term X that a hypothesis adds to the model
+(:mod:`.terms`), and noise that may be coloured. Hypotheses are sets of causes, at most one of each place; a row of
+:data:`CAUSES` has its words:
 
 ==========  ==================  ==================================================================================
 place       cause               term
@@ -15,16 +16,19 @@ input       delay, lag,         the input moved in time, through a lag or at a l
             rate_limit          the kind beside it
             held                inputs held from sample to sample in place of straight lines
             order_too_low       the inputs of the samples before, through any linear response
+            elastic_mode        the inputs through a mode of second order, faster than the model's own
 sensors     drift               a constant and a line per output and record
             drift, slow motion  the inputs through lags longer than any response of the model
-aircraft    bend                quadratic and cubic terms of a simulated output, through the model's own slow modes
+aircraft    bend                quadratic and cubic terms of a simulated output, through the model's own slow modes; of
+                                small-motion equations what their derivatives do with the airspeed, squared angles
 ==========  ==================  ==================================================================================
 
 The evidence of each is that of Schwarz, ln L - k / 2 ln N, with k columns and N values (G. Schwarz, Annals of
 Statistics 6, 1978), in the noise that all terms together leave. Each place holds with ``P_CAUSE`` any of its causes,
 and a cause is named if the records are told ``CLEAR`` with it than without. Where none is, the estimates may be far
 from the best of their kind, or innovations coloured. Feedback is a hypothesis on the inputs (:mod:`.feedback`). The
-coefficients b are one step towards the estimates with the causes in the model: by how much they have shifted them.
+coefficients b are one step towards the estimates with the causes in the model: by how much they have shifted them. That
+shift has an error of its own, large where columns of a cause look like slopes: a verdict takes what it is at least.
 """
 
 from __future__ import annotations
@@ -35,8 +39,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from testbench.core.advice import Advice, Severity, ranked
 from testbench.core.blas import on_one_thread
@@ -46,7 +49,7 @@ from testbench.core.record import AS_DESIGNED, FlightRecord, FloatArray
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import predict
-from testbench.estimators.residuals import LAG_SHARE, autoregression
+from testbench.estimators.residuals import LAG_SHARE, Autoregression, autoregression
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.transfer_function import TransferFunctionModel, in_free_run
 from testbench.inference.feedback import steps, strongest_feedback
@@ -66,10 +69,23 @@ from testbench.inference.free_run import (
     solved,
     whitened,
 )
+from testbench.inference.terms import (
+    any_linear,
+    bends,
+    estimated,
+    estimated_along,
+    joined,
+    likeliest_mode,
+    lines,
+    nuisances,
+    slow_response,
+    whatever_else,
+)
 
 P_CAUSE, CLEAR = 0.1, 0.9
 """Prior probability of a cause at each place, and probability from which one is taken."""
 ODDS = math.log(CLEAR / (1.0 - CLEAR))
+_LEAST = float(norm.isf(1.0 - CLEAR))  # standard deviations that a shift lies above what it is at least, by ``CLEAR``
 _CHANCE = 1e-3  # of noise to look like an estimate that is no optimum
 _CHANCE_LOOP = 0.04  # of the test of feedback: 8 of 396 open loops of noisy inputs in coloured noise lay beyond it
 _DESIGNED = 0.98  # likeness to planned commands; what is left is sampling, a servo and noise
@@ -92,14 +108,15 @@ class Found(NamedTuple):
 
     Attributes:
         code: of :data:`CAUSES`.
-        subject: input or output; empty where all are concerned.
-        amount: seconds of delay, lag or half a hold, rad/s of a limited rate, else 0.
+        subject: input or output; empty where all are concerned; of an elastic mode its damping ratio.
+        amount: seconds of delay, lag or half a hold, rad/s of a limited rate or of an elastic mode, else 0.
         share: of the squared residuals, or for feedback of what is new in the input, that it explains.
         errors: largest shift of a parameter over its standard error; NaN without standard errors.
         moved: name of that parameter; without standard errors the pole that moves most and its shift, in words.
         relative: its shift over its value; without standard errors that of the pole that moves most.
         probability: of the cause, among the hypotheses that were compared; NaN where it was tested by itself.
         of_motion: size of what it explains, as a share of the motion of the output where that is largest.
+        unsure: standard deviation of the shift, with the cause in the model, over the shift.
     """
 
     code: str
@@ -111,6 +128,7 @@ class Found(NamedTuple):
     relative: float
     probability: float = math.nan
     of_motion: float = math.nan
+    unsure: float = 0.0
 
 
 class Cause(NamedTuple):
@@ -123,7 +141,7 @@ class Cause(NamedTuple):
 
 _SURFACE = "or take the position of the surface as the input instead of its command"
 _ACTS = ("set delays_s = {{{subject} = {time}}}, " + _SURFACE, "give the input {time} s later, " + _SURFACE)
-_BEND = "fly smaller inputs, use the part of the record where {subject} stays small, or take "
+_BEND = "fly smaller inputs, use the part of the record where {subject} stays near its trim, or take "
 _FIT = "estimate offsets where the method can, free the slow mode or raise the order, and compare the fits"
 _HOLD = "set held = [{names}] if a computer made it; a delay of {time} s has the same effect"
 _LOOP = (
@@ -178,6 +196,13 @@ CAUSES = {
         "free what is fixed or take a structure with more states",
         "raise the order",
     ),
+    "elastic_mode": Cause(
+        "the outputs follow the inputs through an oscillation near {hertz} Hz (damping ratio {subject}), such as an "
+        "elastic mode, that the model lacks",
+        "take a structure with this mode (flexible with modes_hz = [{hertz}] for longitudinal motion), or take it out "
+        "of inputs and outputs alike (lowpass_hz below it)",
+        "raise the order by two, or take it out of inputs and outputs alike (lowpass_hz below it)",
+    ),
     "closed_loop": Cause("{subject} reacts to the outputs (closed loop), and the residuals are coloured", _LOOP, _LOOP),
 }
 """Code -> words."""
@@ -191,6 +216,7 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
         "subject": c.subject,
         "time": f"{c.amount:.2g}",
         "rate": f"{c.amount / DEG_RAD:.2g}",
+        "hertz": f"{c.amount / (2.0 * math.pi):.2g}",
         "slow": "phugoid" if longitudinal else "spiral",
         "names": ", ".join(f'"{name}"' for name in c.subject.split(", ")),
     }
@@ -211,7 +237,9 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
 
 def _shifted(c: Found) -> str:
     if np.isfinite(c.errors) and c.moved:
-        share = f"{100.0 * c.relative:.0f} %" if c.relative <= 1.0 else "more than its value"
+        around = 100.0 * c.unsure * c.relative
+        share = f"{100.0 * c.relative:.0f}{f' ± {around:.0f}' if around >= 0.5 else ''} %"
+        share = share if c.relative <= 1.0 else "more than its value"
         errors = float(f"{c.errors:.2g}")  # 210, not 2.1e+02
         return f", and it shifts {c.moved} by some {errors:g} of its standard errors ({share})"
     if not np.isfinite(c.relative):
@@ -225,8 +253,8 @@ def _severity(c: Found) -> Severity:
     large = c.of_motion > _TENTH
     if c.code in ("coloured_residuals", "order_too_low"):
         return "wrong" if much and large and c.code == "order_too_low" else "doubt"
-    known = np.isfinite(c.errors)
-    if c.relative > _TENTH and (c.errors > _ERRORS if known else large):
+    known, least = np.isfinite(c.errors), 1.0 - _LEAST * c.unsure
+    if least * c.relative > _TENTH and (least * c.errors > _ERRORS if known else large):
         return "wrong"
     chance = _SCATTER if c.code == "far_from_best" else _HARDLY
     moved = c.errors > chance if known else c.relative > _LITTLE
@@ -299,100 +327,11 @@ def _busiest(record: FlightRecord, inputs: Sequence[str], longest: int) -> Fligh
     return record.between(float(record.t_s[first]), float(record.t_s[first + longest - 1]))
 
 
-# --- what each cause adds to the model --------------------------------------------------------------------------------
-
-
-_STARTS = {"delay": (1.0, 4.0), "lag": (1.0, 4.0), "rate_limit": (3.0, 12.0)}
-"""Samples from which each way to be late is sought: one from what was identified, one from the best of its kind."""
-_KNOTS = (0, 1, 2, 3, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85, 113, 150)  # samples: hats of the linear response
-_MODES = 4  # the slowest, through which a bend is looked for: aerodynamics that bend move the rigid body
-
-
-def bends(at: Flown) -> Iterator[tuple[str, list[FloatArray]]]:
-    """Yield quadratic and cubic terms of each simulated output, through each slow mode, on every output."""
-    p = len(at.model.outputs)
-    poles = np.unique(np.round(all_poles(at.model), 9))
-    poles = poles[poles.imag >= 0.0]
-    z = np.exp(poles[np.argsort(np.abs(poles))][:_MODES] * at.model.dt_s)
-    z = np.where(np.abs(z) < 1.0, z, 0.999 * z / np.maximum(np.abs(z), 1.0) ** 2)
-    for i, name in enumerate(at.model.outputs):
-        size = np.sqrt(np.mean(np.concatenate([y[:, i] for y in at.simulated]) ** 2))
-        columns = []
-        for y in at.simulated if size > 0.0 else ():
-            a = y[:, i] / size
-            crooked = [g - a * (a @ g) / (a @ a) for g in (a * np.abs(a), a**3)]  # of no linear part
-            modes = [lfilter([0.0, 1.0], [1.0, -pole], g) for g in crooked for pole in z]
-            columns.append(
-                _each([part for w in modes for part in ([w.real, w.imag] if np.any(w.imag) else [w.real])], p)
-            )
-        if columns:
-            yield name, columns
-
-
-def _lines(at: Flown, terms: int = 2) -> list[FloatArray]:
-    """Return a constant and a line, the first ``terms`` of them, per output and record."""
-    p, records = len(at.model.outputs), range(len(at.records))
-    own = [_each([np.ones(len(r)), np.linspace(-1.0, 1.0, len(r))], p)[:, :, : terms * p] for r in at.records]
-    return [np.concatenate([X if i == k else 0.0 * X for k in records], axis=2) for i, X in enumerate(own)]
-
-
-def _estimated_along(model: IdentifiedModel) -> int:
-    """Return 1 for models with a constant of their own per record, 2 for those with a line."""
-    if isinstance(model, ParametricModel):
-        return 2 if model.trended else 0
-    offset = model.settings.get("offset", model.settings.get("offsets", False))
-    return {"trend": 2, "offset": 1}.get(offset, 0) if isinstance(offset, str) else int(bool(offset))
-
-
-def _nuisances(at: Flown) -> list[FloatArray]:
-    """Return the constants, and lines, that the method estimated along and ``simulate`` of its model leaves out."""
-    return _lines(at, 0 if isinstance(at.model, ParametricModel) else _estimated_along(at.model))
-
-
-def _any_linear(at: Flown, first: int = 0) -> list[FloatArray]:
-    """Return the inputs at the knots from ``first`` of any linear response, as many as a tenth of the data bears."""
-    p, m = len(at.model.outputs), len(at.model.inputs)
-    bears = sum(len(r) for r in at.records) // (20 * m)
-    knots = [k for k in _KNOTS if k < min(len(r) for r in at.records) // 4][: max(bears, 2)]
-    return [
-        _each([_hat(r[n] - r[n][0], knots, i) for n in at.model.inputs for i in range(first, len(knots))], p)
-        for r in at.records
-    ]
-
-
-def _hat(u: FloatArray, knots: Sequence[int], i: int) -> FloatArray:
-    """Return u weighted by a hat over its past around knot i: linear interpolation of an impulse response."""
-    left = knots[i - 1] if i else knots[i]
-    right = knots[i + 1] if i + 1 < len(knots) else knots[i]
-    lags = np.arange(left, right + 1)
-    weights = np.interp(lags, [left, knots[i], right], [float(i == 0), 1.0, float(right == knots[i])])
-    return np.asarray(lfilter(np.concatenate([np.zeros(left), weights]), [1.0], u))
-
-
-def _slow_response(at: Flown) -> list[FloatArray]:
-    """Return the inputs through lags from the longest hat to beyond the record, which a slow mode would leave."""
-    longest, p = max(len(r) for r in at.records), len(at.model.outputs)
-    lags = [_KNOTS[-1] * 2.0**k for k in range(max(int(np.ceil(np.log2(longest / _KNOTS[-1]))), 0) + 2)]
-    return [
-        _each([Late("lag", n, T, True).acting(r)[n] - r[n][0] for n in at.model.inputs for T in lags], p)
-        for r in at.records
-    ]
-
-
-def _each(columns: Sequence[FloatArray], p: int) -> FloatArray:
-    """Return columns (N,) on each of p outputs by itself, (p, N, d p)."""
-    d, N = len(columns), len(columns[0])
-    return np.asarray(np.einsum("dn,pq->pndq", np.array(columns), np.eye(p)).reshape(p, N, d * p))
-
-
-def _joined(*blocks: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return the regressors of several blocks, per record, side by side."""
-    return [np.concatenate(parts, axis=2) for parts in zip(*blocks, strict=True)]
-
-
 # --- the comparison ---------------------------------------------------------------------------------------------------
 
 
+_STARTS = {"delay": (1.0, 4.0, 16.0), "lag": (1.0, 4.0, 16.0), "rate_limit": (3.0, 6.0, 12.0, 24.0)}
+"""Samples from which each way to be late is sought, the likeliest of them with the parameters one step further."""
 _NAMED = 2  # causes at most
 _FORM = {"bend": 0.1}  # relative error of form of a term,
 _CLOSE = 0.02  # of one that is not in the table
@@ -402,13 +341,17 @@ _SURE = 2.0  # standard deviations that a shift must stand above zero to count
 
 
 class Term(NamedTuple):
-    """What a cause adds: its name, a flight that may be another by it, and columns (p, N, d) per record; none if ()."""
+    """What a cause adds: its name, a flight that may be another by it, and columns (p, N, d) per record; none if ().
+
+    ``searched`` counts the unknowns that the columns were made with.
+    """
 
     code: str
     subject: str
     amount: float
     at: Flown
     columns: Sequence[FloatArray] = ()
+    searched: int = 0
 
 
 Fit = Callable[[Flown, list[FloatArray]], Regression]
@@ -460,11 +403,9 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
     loop = _loop(given)
     if model.settings.get("process_noise") and np.all(np.asarray(model.diagnostics.get("whiteness_p", 0.0)) > WHITE):
         return [] if loop is None else [loop]
-    own = _nuisances(given)
-    steady = _joined(own, _lines(given)) if _estimated_along(model) < 2 else own
-    still = regress(given, steady).criterion
-    best, fit = _best_of_its_kind(given, steady, regress)
-    compared = comparison(best, given, own)
+    still = regress(given, whatever_else(given)).criterion
+    best, fit = _best_of_its_kind(given, whatever_else, regress)
+    compared = comparison(best, given)
     at, p = compared.simplest()
 
     def but(place: int, other: int = 0) -> float:
@@ -472,13 +413,15 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
 
     chosen = sorted((k for k in range(len(at)) if at[k]), key=but)
     terms = {k: t for k in chosen if (t := compared.places[k][at[k]]) is not None}
-    base, start = best, regress(given, own)
+    base, start = best, regress(given, nuisances(given))
     if terms:
         base = terms[0].at if 0 in terms else best
-        found = regress(base, _joined(base.slopes, own, *(t.columns for t in terms.values() if t.columns)), twice=True)
+        found = regress(
+            base, joined(base.slopes, nuisances(base), *(t.columns for t in terms.values() if t.columns)), twice=True
+        )
         # All terms at once take for a signal what noise of a long memory does as well: the noise is estimated anew.
         # Noise that remembers the whole record is a drift itself.
-        plain = regress(best, _joined(best.slopes, own), twice=True)
+        plain = regress(best, joined(best.slopes, nuisances(best)), twice=True)
         lasting = plain.noise.slowest() > math.exp(-LAG_SHARE / max(map(len, records)))
         more = int(np.sum(found.std > 0.0)) - int(np.sum(plain.std > 0.0))
         if lasting or plain.criterion - found.criterion > chi2.isf(_CHANCE, max(more, 1)):
@@ -496,38 +439,40 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
             continue  # beside the first only what is clear
         if t.code == "drift" and but(k, at[k]) - but(k, len(compared.places[k]) - 1) < ODDS:
             subject = SLOW  # a slow response to the inputs, such as of a phugoid, does it as well
-        moved = (np.nan, "", np.nan) if t.code == "order_too_low" else shift
-        out.append(Found(t.code, subject, t.amount, share, *moved, probability, of_motion))
+        moved = _Shift(np.nan, "", np.nan) if t.code == "order_too_low" else shift
+        out.append(Found(t.code, subject, t.amount, share, *moved[:3], probability, of_motion, moved.unsure))
     if not out:  # what a cause leaves moves the best of the kind as well
         # estimates of output error are the best but for the colour of the noise, which its own advice weighs
         far = model.method != "output_error" and still - fit.criterion > chi2.isf(_CHANCE, max(len(best.near), 1))
         out += (
-            [Found("far_from_best", "", 0.0, share, *shift, of_motion=of_motion)]
+            [Found("far_from_best", "", 0.0, share, *shift[:3], of_motion=of_motion, unsure=shift.unsure)]
             if far and best.model is not model
             else []
         )
         out += [c for c in [_coloured(best, fit)] if c is not None]
     if loop is not None:  # what else is found presumes inputs that know nothing of the outputs
-        errors, moved_most, relative = shift
-        out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative, of_motion=of_motion))
+        out.insert(0, loop._replace(**shift._asdict(), of_motion=of_motion))
     return out[:_NAMED]
 
 
-def comparison(best: Flown, given: Flown, own: list[FloatArray]) -> Comparison:
+def comparison(best: Flown, given: Flown) -> Comparison:
     """Return the evidence of every set of causes.
 
     Args:
         best: the best model of its kind over its records.
         given: the model as it was identified.
-        own: what its method estimated along.
     """
-    linear = Term("order_too_low", "", 0.0, best, _any_linear(best))
-    sensors = [Term("drift", "", 0.0, best, _lines(best))] if _estimated_along(best.model) < 2 else []
-    sensors.append(Term("drift", SLOW, 0.0, best, _slow_response(best)))
+    linear = Term("order_too_low", "", 0.0, best, any_linear(best))
+    sensors = [Term("drift", "", 0.0, best, lines(best))] if estimated_along(best.model) < 2 else []
+    sensors.append(Term("drift", SLOW, 0.0, best, slow_response(best)))
     aircraft = [Term("bend", name, 0.0, best, columns) for name, columns in bends(best)]
-    base = _joined(best.slopes, own)
-    whole = _joined(base, *(t.columns for t in (linear, *sensors, *aircraft)))
+    base = joined(best.slopes, nuisances(best))
+    whole = joined(base, *(t.columns for t in (linear, *sensors, *aircraft)))
     noise, lost, variance = regress(best, whole, twice=True).noise, samples_lost(best.left), 1.0
+    elastic = _elastic(best, base, noise, lost)
+    if elastic is not None:  # what rings on looks like noise of a resonance
+        whole = joined(whole, elastic.columns)
+        noise = regress(best, whole, twice=True).noise
 
     def white(signals: Sequence[FloatArray]) -> FloatArray:
         return whitened(noise, best.good, signals, lost)
@@ -546,7 +491,8 @@ def comparison(best: Flown, given: Flown, own: list[FloatArray]) -> Comparison:
     explained = 0.5 * (nothing.square / variance - (n - rank)) - 0.5 * (rank - nothing.rank)
     if explained < ODDS - math.log(P_CAUSE / (1.0 - P_CAUSE)) + 0.5 * math.log(n):  # all at once are not worth one
         return Comparison(((None,),) * 3, np.zeros((1, 1, 1)), np.zeros((1, 1, 1)))
-    places = tuple((None, *t) for t in ((*_late(best, given, own, in_this_noise), linear), sensors, aircraft))
+    inputs = (*_late(best, given, in_this_noise), linear, *([] if elastic is None else [elastic]))
+    places = tuple((None, *t) for t in (inputs, sensors, aircraft))
     shape = tuple(map(len, places))
     ln_p, price = np.zeros(shape), np.zeros(shape)
     for k, size in enumerate(shape):  # each place has one of its causes with a probability P_CAUSE
@@ -555,26 +501,48 @@ def comparison(best: Flown, given: Flown, own: list[FloatArray]) -> Comparison:
     columns = [[white(t.columns) if t else np.zeros((n, 0)) for t in place] for place in places[1:]]
     for i, late in enumerate(places[0]):
         at = best if late is None else late.at
-        rest = Beside(white(_joined(at.slopes, own, *([late.columns] if late and late.columns else []))), residual(at))
+        own = joined(at.slopes, nuisances(at), *([late.columns] if late and late.columns else []))
+        rest = Beside(white(own), residual(at))
         for j, k in np.ndindex(shape[1:]):
             left, rank = rest.beside(np.hstack([columns[0][j], columns[1][k]]))
-            price[i, j, k] += 0.5 * rank * math.log(n)
+            price[i, j, k] += 0.5 * (rank + (late.searched if late else 0)) * math.log(n)
             ln_p[i, j, k] = -0.5 * left / variance
     return Comparison(places, ln_p - price, price)
 
 
-def _late(best: Flown, given: Flown, own: list[FloatArray], fit: Fit) -> Iterator[Term]:
+def _elastic(best: Flown, base: list[FloatArray], noise: Autoregression, lost: int) -> Term | None:
+    """Return a mode of second order that inputs drive beside the model, of the frequency and damping that fit best."""
+
+    def white(signals: Sequence[FloatArray]) -> FloatArray:
+        return whitened(noise, best.good, signals, lost)
+
+    beside = Beside(white(base), white([v[:, :, None] for v in best.left])[:, 0])
+    width = 2 * len(best.model.inputs) * len(best.model.outputs)
+
+    def left(columns: list[FloatArray]) -> list[float]:
+        Z = white(columns)
+        return [beside.beside(Z[:, i : i + width])[0] for i in range(0, Z.shape[1], width)]
+
+    mode = likeliest_mode(best, held_of(best.model), left)
+    return None if mode is None else Term("elastic_mode", f"{mode.zeta:.2g}", mode.wn_rad_s, best, mode.columns, 2)
+
+
+def _late(best: Flown, given: Flown, fit: Fit) -> Iterator[Term]:
     """Yield delay, lag and limited rate of each input, and inputs that are held, each with the best model of the kind.
 
     Without them the best model may be far from the aircraft, and from what was identified: both are starts.
     """
     model = best.model
+
+    def ahead(way: Flown) -> float:
+        return fit(way, joined(way.slopes, estimated(way))).criterion
+
     for i, name in enumerate(model.inputs):
         span = max(float(np.ptp(r[name])) for r in best.records)
         for code, starts in _STARTS.items():
-            own_and_best = zip((given.model, model), starts, strict=True)
-            ways = [Flown.of(m, best.records, Late(code, name, k, held_of(m)[i], span)) for m, k in own_and_best]
-            at, _ = min((_best_of_its_kind(way, own, fit) for way in ways), key=lambda one: one[1].criterion)
+            lates = [Late(code, name, k, held_of(model)[i], span) for k in starts]
+            ways = [min((Flown.of(m, best.records, late) for late in lates), key=ahead) for m in (given.model, model)]
+            at, _ = min((_best_of_its_kind(way, estimated, fit) for way in ways), key=lambda one: one[1].criterion)
             if at.late is not None and at.late.samples > SOONEST:
                 time_s = at.late.samples * model.dt_s
                 yield Term(code, name, span / time_s if code == "rate_limit" else time_s, at)
@@ -582,7 +550,7 @@ def _late(best: Flown, given: Flown, own: list[FloatArray], fit: Fit) -> Iterato
     if lines:
         structured = isinstance(model, ParametricModel)
         all_held: Any = {"held" if structured else "hold": (True if structured else "zoh",) * len(model.inputs)}
-        at, _ = _best_of_its_kind(Flown.of(replace(model, **all_held), best.records), own, fit)
+        at, _ = _best_of_its_kind(Flown.of(replace(model, **all_held), best.records), estimated, fit)
         yield Term("held", ", ".join(lines), 0.5 * model.dt_s, at)
 
 
@@ -593,7 +561,7 @@ def held_of(model: IdentifiedModel) -> tuple[bool, ...]:
     return tuple(h == "zoh" for h in getattr(model, "hold", ("zoh",) * len(model.inputs)))
 
 
-def _best_of_its_kind(given: Flown, steady: list[FloatArray], fit: Fit) -> tuple[Flown, Regression]:
+def _best_of_its_kind(given: Flown, beside: Callable[[Flown], list[FloatArray]], fit: Fit) -> tuple[Flown, Regression]:
     """Return the model after Gauss-Newton steps of its free run in coloured noise, and the regression on its slopes.
 
     What noise has done to the estimates of a method that does not minimise the errors of its free run would else look
@@ -603,11 +571,11 @@ def _best_of_its_kind(given: Flown, steady: list[FloatArray], fit: Fit) -> tuple
     def tried(model: IdentifiedModel, late: Late | None) -> tuple[Flown, float] | None:
         try:
             at = Flown.of(model, given.records, late)
-            return at, fit(at, steady).criterion
+            return at, fit(at, beside(at)).criterion
         except (Refusal, np.linalg.LinAlgError):
             return None  # it cannot fly the records
 
-    best, model, late, reached = given, given.model, given.late, fit(given, steady).criterion
+    best, model, late, reached = given, given.model, given.late, fit(given, beside(given)).criterion
     if isinstance(model, TransferFunctionModel):  # its equation errors may be so biased that no step leads back
         acting = [r if late is None else late.acting(r) for r in given.records]
         other = tried(in_free_run(model, acting), late)
@@ -615,7 +583,7 @@ def _best_of_its_kind(given: Flown, steady: list[FloatArray], fit: Fit) -> tuple
             best, reached = other
     promised = np.inf
     for _ in range(_STEPS):
-        found = fit(best, _joined(best.slopes, steady))
+        found = fit(best, joined(best.slopes, beside(best)))
         little = reached - found.criterion < chi2.isf(_CHANCE, max(len(best.near), 1))
         if little or promised - found.criterion < 2.0 * ODDS:
             return best, found
@@ -627,7 +595,7 @@ def _best_of_its_kind(given: Flown, steady: list[FloatArray], fit: Fit) -> tuple
                 break
         else:
             return best, found
-    return best, fit(best, _joined(best.slopes, steady))
+    return best, fit(best, joined(best.slopes, beside(best)))
 
 
 def _loop(given: Flown) -> Found | None:
@@ -647,10 +615,10 @@ def _loop(given: Flown) -> Found | None:
         (r.columns(model.outputs) - r.columns(model.outputs)[0]).T * g
         for r, g in zip(given.records, given.good, strict=True)
     ]
-    response, lines = _any_linear(given, 1), _lines(given)
+    response, straight = any_linear(given, 1), lines(given)
     enough = min(80, min(len(g) for g in given.good) // 8)
     # by ordinary least squares: a whole flight of gusts is not to be whitened away
-    b, left = plainly(outputs, given.good, _joined(response, lines, *(columns for _, columns in bends(given))))
+    b, left = plainly(outputs, given.good, joined(response, straight, *(columns for _, columns in bends(given))))
     if not len(autoregression([v.T for v in left]).A):
         return None
     width = response[0].shape[2] // (m * p)
@@ -707,8 +675,17 @@ def _coloured(best: Flown, fit: Regression) -> Found | None:
     return Found("coloured_residuals", ", ".join(coloured), 0.0, 0.0, np.nan, "", np.nan) if coloured else None
 
 
-def _shift(model: IdentifiedModel, at: Flown, fit: Regression) -> tuple[float, str, float]:
-    """Return the largest shift over its standard error, whose it is, and relative to the value.
+class _Shift(NamedTuple):
+    """What a cause does to the estimates: see the attributes of :class:`Found`."""
+
+    errors: float
+    moved: str
+    relative: float
+    unsure: float = 0.0
+
+
+def _shift(model: IdentifiedModel, at: Flown, fit: Regression) -> _Shift:
+    """Return the largest shift over the standard error of the estimate, whose it is, relative, and how unsure.
 
     Without standard errors it is the shift of the pole that moves most, relative to its size; in words in rad/s.
 
@@ -719,12 +696,12 @@ def _shift(model: IdentifiedModel, at: Flown, fit: Regression) -> tuple[float, s
     if len(first) != k or not np.all(np.isfinite(error)):
         before, after = all_poles(model), all_poles(at.moved(b))
         if not before.size or before.size != after.size:
-            return np.nan, "", np.inf if before.size != after.size else 0.0
+            return _Shift(np.nan, "", np.inf if before.size != after.size else 0.0)
         # those that turn from complex to real ones, or back, are paired by the nearest
         off = np.min(np.abs(before[:, None] - after), axis=1)
         size = np.maximum(np.abs(before), 1e-9)
         i = int(np.argmax(off / size))
-        return np.nan, f"a pole of {size[i]:.2g} rad/s by some {off[i]:.2g} rad/s", float(off[i] / size[i])
+        return _Shift(np.nan, f"a pole of {size[i]:.2g} rad/s by some {off[i]:.2g} rad/s", float(off[i] / size[i]))
     b = b + np.array([n.value for n in at.near]) - np.array([n.value for n in first])
     size = np.where(np.abs(b) > _SURE * std, np.abs(b), 0.0) / error
     constants = model.structure.trim_constants if isinstance(model, ParametricModel) else ()
@@ -732,4 +709,5 @@ def _shift(model: IdentifiedModel, at: Flown, fit: Regression) -> tuple[float, s
     if np.any(counts):
         size = np.where(counts, size, 0.0)
     i = int(np.argmax(size))
-    return float(size[i]), first[i].name, float(abs(b[i]) / max(abs(first[i].value), 1e-300))
+    unsure = float(std[i] / abs(b[i])) if size[i] > 0.0 else 0.0
+    return _Shift(float(size[i]), first[i].name, float(abs(b[i]) / max(abs(first[i].value), 1e-300)), unsure)

@@ -39,7 +39,7 @@ FORM_STD = {"alpha": 0.5, "qbar": 0.75}
 """Standard deviations of the prior where nothing is known: set on 21 drawn flights, judged on others."""
 WITH_QBAR = 0.75
 """Mean of the prior: derivatives go with dynamic pressure as this share of it: 1 for angles, 1/2 for rates and V."""
-BY_INPUT = frozenset({"delay", "lag", "rate_limit", "held", "order_too_low", "closed_loop"})
+BY_INPUT = frozenset({"delay", "lag", "rate_limit", "held", "order_too_low", "elastic_mode", "closed_loop"})
 """Causes of residuals that go with the inputs."""
 
 

@@ -17,7 +17,7 @@ from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.dsr_e import shortage
 from testbench.estimators.subspace.family import _strides
 from testbench.estimators.subspace.projections import factorise
-from testbench.inference.causes import _hat
+from testbench.inference.terms import hat
 
 RNG = np.random.default_rng(21)
 
@@ -25,7 +25,7 @@ RNG = np.random.default_rng(21)
 @pytest.mark.parametrize("i", range(4))
 def test_hats_over_the_past_add_up_to_a_straight_line_between_knots(i):
     knots, u = [0, 2, 5, 9], RNG.normal(size=40)
-    out = _hat(u, knots, i)
+    out = hat(u, knots, i)
     weights = np.interp(np.arange(40.0), knots, np.eye(4)[i], right=0.0)
     expected = [sum(weights[lag] * u[k - lag] for lag in range(k + 1)) for k in range(40)]
     np.testing.assert_allclose(out, expected, atol=1e-12)

@@ -66,6 +66,7 @@ CASES = {
         order=4,
     ),
     "order1": Case("one state too few", ("order_too_low", "lag"), order=1),
+    "elastic": Case("an elastic mode moves gyro and vane", ("elastic_mode",)),
     "short": Case("thirty samples", ("few_data",)),
 }
 
@@ -81,9 +82,19 @@ class Drawn:
         """What draws the rest of its flight."""
         return np.random.default_rng([self.seed, 59])
 
-    @cached_property
+    @property
     def truth(self) -> dict[str, float]:
         """Derivatives, 1/s and 1/s2: of strip theory, with a static margin of 5 to 25 % of the chord."""
+        return self._flying[1]
+
+    @property
+    def V_m_s(self) -> float:
+        """Airspeed, m/s."""
+        return self._flying[0]
+
+    @cached_property
+    def _flying(self) -> tuple[float, dict[str, float]]:
+        """Airspeed and derivatives."""
         r = np.random.default_rng([self.seed, 60])
         mass = float(np.exp(r.uniform(np.log(1.0), np.log(2e4))))
         area = mass ** r.uniform(0.58, 0.68) / r.uniform(3.0, 7.0)  # m2: 2 kg 0.35, 1 t 17, 20 t 120
@@ -92,7 +103,7 @@ class Drawn:
         slope, margin = 2.0 * np.pi * aspect / (aspect + 2.4), r.uniform(0.05, 0.25)
         pressure, iyy = 0.5 * _DENSITY * V**2 * area, mass * (r.uniform(1.0, 1.5) * chord) ** 2
         per_lift, per_moment = pressure / (mass * V), pressure * chord / iyy
-        return {
+        return V, {
             "Z_alpha": -per_lift * slope,
             "Z_de": -per_lift * r.uniform(0.2, 0.5),
             "M_alpha": -per_moment * slope * margin,
@@ -115,6 +126,12 @@ class Drawn:
     def zeta(self) -> float:
         """Damping ratio."""
         return float(-np.trace(self.matrices[0]) / 2.0 / self.wn)
+
+    @cached_property
+    def elastic(self) -> tuple[float, float]:
+        """Natural frequency, rad/s, and damping ratio of an elastic mode, two to eight times as fast."""
+        r = np.random.default_rng([self.seed, 64])
+        return self.wn * float(np.exp(r.uniform(np.log(2.0), np.log(8.0)))), float(r.uniform(0.01, 0.08))
 
     @cached_property
     def dt(self) -> float:
@@ -178,6 +195,8 @@ def fly(case: str, seed: int, again: bool = False) -> FlightRecord:
         X = _flown(aircraft, fine, h, _stalled(aircraft, 0.6 * np.abs(still[:, 0]).max()))
     elif own.gust or own.loop:
         X, given = _in_air(aircraft, fine, h, gust, own.loop, noise, rng)
+    if case == "elastic":
+        X = still + _ringing(aircraft, still / scale, fine / fine.std(), h, rng) * scale
     Y, recorded = X[::_SUBSTEPS].copy(), given[::_SUBSTEPS].copy()
     if case in ("delay", "servo", "rate"):
         recorded = u
@@ -200,6 +219,19 @@ def _limited(u: FloatArray, most: float) -> FloatArray:
     for k in range(1, len(u)):
         out[k] = np.clip(u[k], out[k - 1] - most, out[k - 1] + most)
     return out
+
+
+def _ringing(aircraft: Drawn, motion: FloatArray, u: FloatArray, h: float, rng: np.random.Generator) -> FloatArray:
+    """Return what the rate of its elastic mode adds to alpha and q (n, 2) of unit size: a tenth to a third of q.
+
+    Motion and elevator, likewise of unit size, drive the mode.
+    """
+    wn, zeta = aircraft.elastic
+    s = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
+    force = np.column_stack([motion, u]) @ rng.standard_normal(3)
+    rate = (s * lfilter([0.0, h], [1.0, -np.exp(s * h)], force)).imag
+    in_q = rng.uniform(0.1, 0.33)
+    return np.outer(rate / rate.std(), [in_q * rng.uniform(-0.5, 0.5), in_q])
 
 
 Law = Callable[[FloatArray, float], FloatArray]
@@ -255,3 +287,42 @@ def _in_air(
         given[k] = (0.4 * u[k] if loop is not None else u[k]) + added
         x = x + h * (law(x + 0.5 * h * law(x, given[k]), given[k]) + A[:, 0] * gust[k])
     return X, given
+
+
+def fly_with_speed(seed: int, size: float = 1.0) -> FlightRecord:
+    """Return a measured flight (de, V, alpha, q, theta), deviations from trim, of exact equations of motion.
+
+    Forces and moments go with dynamic pressure, those of rates with speed, drag with the square of lift, and gravity
+    with the flight path; the derivatives are those of :class:`Drawn`.
+
+    Args:
+        seed: draws the aircraft and all else.
+        size: of the inputs.
+    """
+    aircraft, rng = Drawn(seed), np.random.default_rng([seed, 65])
+    t, V0, g = aircraft.truth, aircraft.V_m_s, G0_M_S2
+    drag = g / rng.uniform(8.0, 20.0)
+    h = aircraft.dt / _SUBSTEPS
+
+    def law(x: FloatArray, de: float) -> FloatArray:
+        v, alpha, q, theta = x
+        pressure, V, gamma = (1.0 + v / V0) ** 2, V0 + v, theta - alpha
+        lift = g - V0 * (t["Z_alpha"] * alpha + t["Z_de"] * de)
+        return np.array(
+            [
+                drag - pressure * 0.5 * drag * (1.0 + (lift / g) ** 2) - g * np.sin(gamma),
+                q + (g * np.cos(gamma) - pressure * lift) / V,
+                pressure * (t["M_alpha"] * alpha + t["M_de"] * de) + (V / V0) * t["M_q"] * q,
+                q,
+            ]
+        )
+
+    u = np.repeat(size * aircraft.inputs(LONG // 2), _SUBSTEPS)
+    X, x = np.zeros((len(u), 4)), np.zeros(4)
+    for k in range(len(u)):
+        X[k] = x
+        x = x + h * law(x + 0.5 * h * law(x, u[k]), u[k])
+    Y = X[::_SUBSTEPS]
+    Y = Y + Y.std(axis=0) * rng.uniform(0.005, 0.02, 4) * rng.standard_normal(Y.shape)
+    data = np.column_stack([u[::_SUBSTEPS], Y])
+    return FlightRecord(np.arange(len(Y)) * aircraft.dt, ("de", "V", "alpha", "q", "theta"), data, "measured")
