@@ -18,12 +18,9 @@ from testbench.core.errors import EstimationError
 from testbench.core.proportion import proportion_interval
 
 T = TypeVar("T")
-EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)
-"""Of the classes of stated probabilities."""
-SURE = 0.9
-"""Probability from which one hypothesis is named."""
-CREDIBLE = 0.95
-"""Probability that a set which is named holds."""
+EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)  #: of the classes of stated probabilities
+SURE = 0.9  #: probability from which one hypothesis is named
+CREDIBLE = 0.95  #: probability that a set which is named holds
 
 
 def fewest(said: Mapping[str, float], probability: float = CREDIBLE) -> tuple[str, ...]:
@@ -68,20 +65,13 @@ class Stated:
 
 @dataclass(frozen=True)
 class Power:
-    """What was stated where one truth flew.
+    """What was stated where one truth flew."""
 
-    Attributes:
-        flights: their number.
-        sure: share in which the truth was stated with at least 90 %.
-        held: share in which it was in the set that holds 95 %.
-        size: median number of names in that set.
-        given: other hypothesis or the truth -> probability that it was given on average, the largest first.
-    """
-
-    flights: int
-    sure: float
-    held: float
-    size: float
+    flights: int  #: their number
+    sure: float  #: share in which the truth was stated with at least 90 %
+    held: float  #: share in which it was in the set that holds 95 %
+    size: float  #: median number of names in that set
+    #: other hypothesis or the truth -> probability that it was given on average, the largest first
     given: Mapping[str, float]
 
 
@@ -111,25 +101,29 @@ class Reliability:
         stated = np.array([t.stated[t.called] for t in self.trials])
         right = np.array([float(t.called == t.truth) for t in self.trials])
         place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
-        return float(
-            sum(
-                abs(stated[place == k].mean() - right[place == k].mean()) * np.mean(place == k)
-                for k in range(len(EDGES) - 1)
-                if np.any(place == k)
-            )
-        )
+        classes = [place == k for k in range(len(EDGES) - 1) if np.any(place == k)]
+        return float(sum(abs(stated[here].mean() - right[here].mean()) * np.mean(here) for here in classes))
 
     def power(self) -> dict[str, Power]:
         """Return truth -> what was stated where it flew."""
-        by_truth: dict[str, list[Trial]] = {}
-        for t in self.trials:
-            by_truth.setdefault(t.truth, []).append(t)
-        return {truth: _power(truth, flown) for truth, flown in by_truth.items()}
+        out = {}
+        for truth in dict.fromkeys(t.truth for t in self.trials):
+            flown = [t for t in self.trials if t.truth == truth]
+            sets, names = [fewest(t.stated) for t in flown], dict.fromkeys(name for t in flown for name in t.stated)
+            given = {name: float(np.mean([t.stated.get(name, 0.0) for t in flown])) for name in names}
+            out[truth] = Power(
+                len(flown),
+                float(np.mean([t.stated.get(truth, 0.0) >= SURE for t in flown])),
+                float(np.mean([truth in known for known in sets])),
+                float(np.median([len(known) for known in sets])),
+                dict(sorted(given.items(), key=lambda one: -one[1])),
+            )
+        return out
 
-    def false_alarms(self, nothing: str = "nothing") -> tuple[int, int]:
-        """Return the flights of ``nothing`` in which something was stated with at least 90 %, and all of them."""
-        flown = [t for t in self.trials if t.truth == nothing]
-        return sum(t.called != nothing and t.stated[t.called] >= SURE for t in flown), len(flown)
+    def false_alarms(self) -> tuple[int, int]:
+        """Return the flights of nothing in which something was stated with at least 90 %, and all of them."""
+        flown = [t for t in self.trials if t.truth == "nothing"]
+        return sum(t.called != "nothing" and t.stated[t.called] >= SURE for t in flown), len(flown)
 
     def sentence(self, stated: float) -> str:
         """Return what a stated probability of the answer is worth, as a sentence."""
@@ -138,22 +132,8 @@ class Reliability:
         if not found:
             return f"of {len(self.trials)} flights again none was answered with {100 * low:g} to {100 * high:g} %"
         right = sum(t.called == t.truth for t in found)
-        return (
-            f"answers stated with {100 * low:g} to {100 * high:g} % were right in {right} of {len(found)} flights again"
-        )
-
-
-def _power(truth: str, flown: Sequence[Trial]) -> Power:
-    sets = [fewest(t.stated) for t in flown]
-    names = dict.fromkeys(name for t in flown for name in t.stated)
-    given = {name: float(np.mean([t.stated.get(name, 0.0) for t in flown])) for name in names}
-    return Power(
-        len(flown),
-        float(np.mean([t.stated.get(truth, 0.0) >= SURE for t in flown])),
-        float(np.mean([truth in names for names in sets])),
-        float(np.median([len(names) for names in sets])),
-        dict(sorted(given.items(), key=lambda one: -one[1])),
-    )
+        said = f"answers stated with {100 * low:g} to {100 * high:g} %"
+        return f"{said} were right in {right} of {len(found)} flights again"
 
 
 def calibrate(
@@ -196,11 +176,7 @@ def calibrate_together(
     kept: Iterable[Trial] = (),
     together: int = 1,
 ) -> Iterator[Reliability]:
-    """Do as :func:`calibrate` with so many trials at a time, drawn by their numbers and flown, then asked about.
-
-    Raises:
-        EstimationError: as there.
-    """
+    """Do as :func:`calibrate` with so many trials at a time, drawn by their numbers and flown, then asked about."""
     if count < 1:
         raise EstimationError(f"flights again must be 1 or more, got {count}")
     trials: Sequence[Trial] = tuple(kept)[:count]

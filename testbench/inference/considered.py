@@ -29,17 +29,11 @@ _STEP = 0.1  # of an error's standard deviation, over which its effect is taken
 
 @dataclass(frozen=True, eq=False)
 class Considered:
-    """Errors of instruments and what they do to the parameters of a model.
+    """Errors of instruments and what they do to the parameters of a model."""
 
-    Attributes:
-        errors: (e,) names, CHANNEL_KIND.
-        moments: (e, e) second moments about what was taken for them.
-        gain: (k, e) by how much the parameters are read wrong, by each; zero for those that are not free.
-    """
-
-    errors: tuple[str, ...]
-    moments: FloatArray
-    gain: FloatArray
+    errors: tuple[str, ...]  # (e,) names, CHANNEL_KIND
+    moments: FloatArray  # (e, e) second moments about what was taken for them
+    gain: FloatArray  # (k, e) by how much the parameters are read wrong, by each; zero for those that are not free
 
     @property
     def parameters_covariance(self) -> FloatArray:
@@ -55,21 +49,21 @@ def considered(
     taken: Mapping[str, float],
     known_std: Mapping[str, float],
 ) -> Considered:
-    """Return what the errors of instruments do to the parameters of a model.
+    """Return what the errors of instruments do to the parameters of a model, identified from prepared records.
 
-    Args:
-        model: what was identified.
-        records: prepared, that it was identified from.
-        found: what kinematics say of the instruments; channels that they do not foretell have the errors of sound ones.
-        taken: errors that were taken out of the records; what is left of them is not known to be anything.
-        known_std: CHANNEL_KIND -> standard deviation of that error of a sound instrument, where it is known.
-
-    Raises:
-        EstimationError: the records do not decide the parameters.
+    Channels that kinematics do not foretell (``found``) have the errors of sound instruments, of the standard deviation
+    ``known_std`` where that is known; what is left of errors that were ``taken`` out is not known to be anything.
     """
     channels = [c for c in (*model.inputs, *model.outputs) if all(c in r for r in records)]
     late = [f"{name}_late" for name in model.settings.get("late_std_s", {})]  # which the model estimates
-    names, moments = _second_moments(channels, found, taken, known_std, records[0].dt_s, late)
+    each = [(i, n, *n.rpartition("_")[::2]) for i, n in enumerate(found.errors) if n not in late]
+    known = [i for i, _, c, kind in each if c in channels and kind in ("scale", "late", "lag", "place")]  # not a zero
+    own = [found.errors[i] for i in known]
+    sounds = {n: known_std.get(n, s) for c in channels for n, s in sound(c, records[0].dt_s).items()}
+    priors = {n: s for n, s in sounds.items() if n not in own and n not in late}
+    names, left = (*own, *priors), found.errors_mean[known] - np.array([taken.get(n, 0.0) for n in own])
+    moments = np.diag([*np.zeros(len(known)), *(s**2 for s in priors.values())])  # about what was taken out
+    moments[: len(known), : len(known)] = found.errors_covariance[np.ix_(known, known)] + np.outer(left, left)
     plain = Likelihood.of(model, records)
     R = model.noise_covariance if np.all(np.diag(model.noise_covariance) > 0.0) else np.diag(plain.size**2)
     whiten = np.linalg.inv(np.linalg.cholesky(R))
@@ -87,31 +81,6 @@ def considered(
         shift = -pseudo @ (residuals - left) / step
         gain[plain.layout.chosen, i] = shift[: plain.layout.chosen.size]
     return Considered(names, moments, gain)
-
-
-def _second_moments(
-    channels: Sequence[str],
-    found: Agreement,
-    taken: Mapping[str, float],
-    known_std: Mapping[str, float],
-    dt_s: float,
-    estimated: Sequence[str],
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the errors that these channels may have, and their second moments about what was taken out."""
-    known = [i for i, n in enumerate(found.errors) if _moves(n, channels) and n not in estimated]
-    names = [found.errors[i] for i in known]
-    sounds = {n: known_std.get(n, s) for c in channels for n, s in sound(c, dt_s).items()}
-    priors = {n: s for n, s in sounds.items() if n not in names and n not in estimated}
-    left = found.errors_mean[known] - np.array([taken.get(n, 0.0) for n in names])
-    moments = np.diag([*np.zeros(len(known)), *(s**2 for s in priors.values())])
-    moments[: len(known), : len(known)] = found.errors_covariance[np.ix_(known, known)] + np.outer(left, left)
-    return (*names, *priors), moments
-
-
-def _moves(name: str, channels: Sequence[str]) -> bool:
-    """Return whether an error moves what is identified from: a zero is taken out with the trim."""
-    channel, _, kind = name.rpartition("_")
-    return channel in channels and kind in ("scale", "late", "lag", "place")
 
 
 def at_rest(

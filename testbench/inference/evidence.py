@@ -30,26 +30,18 @@ _FAR = 7.0  # in ln p behind the best: beyond it no correction would bring a hyp
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One hypothesis of a comparison.
+    """One hypothesis of a comparison."""
 
-    Attributes:
-        name: of the hypothesis.
-        probability: posterior, all rows together 1; differences of ``log_evidence`` count as the likelihood of the most
-            probable one deserves (:attr:`Posterior.misfit`).
-        log_evidence: natural logarithm.
-        difference: of ``log_evidence`` to the first row, 0 or less but for prior odds.
-        difference_error: standard error of it, from segments of one second.
-        held_out: ln p of records held out, a sample, less that of the first hypothesis given; None without any.
-        posterior: of its parameters.
-    """
-
-    name: str
+    name: str  #: of the hypothesis
+    #: posterior, all rows together 1; differences of ``log_evidence`` count as the likelihood of the most probable one
+    #: deserves (:attr:`Posterior.misfit`)
     probability: float
-    log_evidence: float
-    difference: float
-    difference_error: float
+    log_evidence: float  #: natural logarithm
+    difference: float  #: of ``log_evidence`` to the first row, 0 or less but for prior odds
+    difference_error: float  #: standard error of it, from segments of one second
+    #: ln p of records held out, a sample, less that of the first hypothesis given; None without any
     held_out: float | None
-    posterior: Posterior
+    posterior: Posterior  #: of its parameters
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,19 +24,12 @@ from testbench.inference.linear import KAPPAS, Motion, factored
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """What the evidence needs of columns, at every size of the unknown motion; those of several records add up.
+    """What the evidence needs of columns, at every size of the unknown motion; those of several records add up."""
 
-    Attributes:
-        A: (kappas, k, K) inner products of the first k columns, or of all, with all, pulses integrated.
-        squares: (kappas, K) of each with itself.
-        log_det: (kappas,) of the covariance of the samples.
-        samples: their number.
-    """
-
-    A: FloatArray
-    squares: FloatArray
-    log_det: FloatArray
-    samples: float
+    A: FloatArray  # (kappas, k, K) inner products of the first k columns, or of all, with all, pulses integrated
+    squares: FloatArray  # (kappas, K) of each with itself
+    log_det: FloatArray  # (kappas,) of the covariance of the samples
+    samples: float  # their number
 
     def __add__(self, other: Sums) -> Sums:
         both = self.log_det + other.log_det, self.samples + other.samples
@@ -50,15 +43,10 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What the evidence needs of r residuals beside the columns, likewise.
+    """What the evidence needs of r residuals beside the columns, likewise."""
 
-    Attributes:
-        b: (kappas, K, r) inner products with the columns.
-        c: (kappas, r) with themselves.
-    """
-
-    b: FloatArray
-    c: FloatArray
+    b: FloatArray  # (kappas, K, r) inner products with the columns
+    c: FloatArray  # (kappas, r) with themselves
 
     def __add__(self, other: Left) -> Left:
         return Left(self.b + other.b, self.c + other.c)
@@ -74,17 +62,11 @@ S = TypeVar("S", Sums, Left)
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """K columns in one record and the principal directions of its unknown motion, in units of the noise.
+    """K columns in one record and the principal directions of its unknown motion, in units of the noise."""
 
-    Attributes:
-        X: (samples, K); 0 where no sample was taken, as in all others.
-        U: (samples, m).
-        count: number of samples that were taken.
-    """
-
-    X: FloatArray
-    U: FloatArray
-    count: float
+    X: FloatArray  # (samples, K); 0 where no sample was taken, as in all others
+    U: FloatArray  # (samples, m)
+    count: float  # number of samples that were taken
 
     @classmethod
     def of(cls, columns: FloatArray, unknown: Motion, taken: NDArray[np.bool_]) -> Columns:
@@ -163,17 +145,11 @@ def sum_of(parts: Iterable[S]) -> S:
 
 @dataclass(frozen=True, eq=False)
 class FirstOrder:
-    """What r residuals say of h hypotheses, at every size of the unknown motion.
+    """What r residuals say of h hypotheses, at every size of the unknown motion."""
 
-    Attributes:
-        alone: (kappas, r) ln p without any column but the shared ones.
-        logs: (kappas, h, r) ln p of each hypothesis.
-        multiples: (kappas, h, r) the most probable multiple of its column.
-    """
-
-    alone: FloatArray
-    logs: FloatArray
-    multiples: FloatArray
+    alone: FloatArray  # (kappas, r) ln p without any column but the shared ones
+    logs: FloatArray  # (kappas, h, r) ln p of each hypothesis
+    multiples: FloatArray  # (kappas, h, r) the most probable multiple of its column
 
     @classmethod
     def of(cls, sums: Sums, left: Left, mean: FloatArray, std: FloatArray, sizes: FloatArray) -> FirstOrder:

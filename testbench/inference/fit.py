@@ -38,7 +38,7 @@ from testbench.inference.linear import (
     sized,
     whitened,
 )
-from testbench.inference.parameters import Noise, Parameter, deviations_of, means_of
+from testbench.inference.parameters import Noise, Parameter, deviations_of
 
 Predict = Callable[[FlightRecord, Mapping[str, float]], FloatArray]
 """(record, parameter -> value) -> what the channels would have read, (n, channels), SI, without noise."""
@@ -61,10 +61,8 @@ class Keeper(Protocol):
         """Keep a group that is at rest."""
 
 
-WHOLE = 1e-3
-"""Size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part."""
-P_WHOLE = 0.5
-"""Prior probability that a hypothesis, if it is true, is the whole story."""
+WHOLE = 1e-3  #: size of the unknown motion up to which a hypothesis is the whole story; beyond it is a part
+P_WHOLE = 0.5  #: prior probability that a hypothesis, if it is true, is the whole story
 _ROUNDS = 20
 _REST = 4  # rounds of noise scales and point in turn
 _PATIENCE = 2  # rounds before a fit may be given up
@@ -128,7 +126,7 @@ class Hypothesis:
     @cached_property
     def mean(self) -> FloatArray:
         """Means of the priors (k,)."""
-        return means_of(self.parameters)
+        return np.array([p.value for p in self.parameters])
 
     @cached_property
     def std(self) -> FloatArray:
@@ -236,18 +234,12 @@ class Posterior:
 
 @dataclass(eq=False)
 class Data:
-    """Measured records and all that hypotheses about them share.
+    """Measured records and all that hypotheses about them share."""
 
-    Attributes:
-        records: measured.
-        noise: of the channels that are compared.
-        unknown: see :func:`.compare_hypotheses`.
-        most: ln p that any fit has reached, at a point that it flew; ``first`` is that of the first hypothesis.
-    """
-
-    records: Sequence[FlightRecord]
-    noise: Noise
-    unknown: Unknown | None = None
+    records: Sequence[FlightRecord]  #: measured
+    noise: Noise  #: of the channels that are compared
+    unknown: Unknown | None = None  #: see :func:`.compare_hypotheses`
+    #: ln p that any fit has reached, at a point that it flew; ``first`` is that of the first hypothesis
     most: float = -math.inf
     first: float = -math.inf
     _readings: dict[FlightRecord, tuple[FloatArray, Any]] = field(default_factory=dict, repr=False)
@@ -288,8 +280,7 @@ class Data:
 
 
 _SCALARS = ("kappa", "log_evidence", "log_whole", "log_part", "p_whole", "whiteness", "strain", "effective", "misfit")
-_ARRAYS = ("values", "covariance", "inflation")
-"""Of a posterior."""
+_ARRAYS = ("values", "covariance", "inflation")  #: of a posterior
 Asks = tuple[Hypothesis, Sequence[Mapping[str, float]]]
 Run = Generator[Asks, None, "Fit"]
 """A fit on its way: gives (hypothesis, points) that it predicts next, and returns itself once it is at rest."""
@@ -414,7 +405,11 @@ class Fit:
             if hypothesis.form is not None:
                 there = yield from there._linearised(there.theta, fresh=there.fresh)
             here = max(here, there._judged(), key=lambda f: f.log_evidence)
-        return here._bounded()
+        if not hypothesis.parameters:
+            return here
+        centre, covariance = here._gaussian()  # of which what is possible counts, over what was so a priori
+        mass = hypothesis.held(centre, np.sqrt(np.diag(covariance)))
+        return replace(here, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)))) - here._log_held)
 
     def _started(self, beyond: float | None = None) -> Run:
         """Return the fit at the best point, see :meth:`_descended`, with flights that begin where they suit it.
@@ -620,14 +615,6 @@ class Fit:
         c = reduced(grams, self.scales, KAPPAS[self.k]).c
         return -0.5 * (c + float(np.sum(((theta - self.hypothesis.mean) / self.hypothesis.std) ** 2)))
 
-    def _bounded(self) -> Fit:
-        """Return the fit with its evidence multiplied by the posterior probability of the bounds over the prior one."""
-        if not self.hypothesis.parameters:
-            return self
-        centre, covariance = self._gaussian()
-        mass = self.hypothesis.held(centre, np.sqrt(np.diag(covariance)))
-        return replace(self, correction=float(np.sum(np.log(np.maximum(mass, 1e-12)))) - self._log_held)
-
     @property
     def _log_held(self) -> float:
         """Ln of the prior probability that the parameters lie within their bounds."""
@@ -682,19 +669,6 @@ class Fit:
         return float(logsumexp(list(self.log_weights.values()))) - taken + self.correction
 
     @cached_property
-    def _left(self) -> list[tuple[FloatArray, Any]]:
-        """Return of each record what is left (n, p), in units of the noise that was found, and what counts."""
-        kappa, scales = KAPPAS[self.k], self.scales
-        out = []
-        for block, sums in zip(self.blocks, self.grams, strict=True):
-            D, factor, _ = sums.inner(scales, kappa)
-            d = D * cho_solve(factor, D * (scales**-2.0 @ sums.across[:, : len(D), -1])) if len(D) else D
-            own, moved = d[: sums.q], d[sums.q :]
-            left = block.residual - block.all_own @ own - (block.unknown.response[:, :, : len(moved)] @ moved).T
-            out.append((np.where(block.taken, left / scales, 0.0), block.taken))
-        return out
-
-    @cached_property
     def segments(self) -> tuple[FloatArray, FloatArray]:
         """Return of segments of one second ln p (s,) but for a constant, and its gradient by the parameters (s, k)."""
         logs, gradients = [], []
@@ -744,7 +718,14 @@ class Fit:
         inflation = np.sqrt(self.misfit[1])
         covariance = inflation[:, None] * self._gaussian()[1] * inflation
         total = logsumexp(list(self.log_weights.values()))
-        whiteness = _whiteness(self._left)
+        kappa, scales, rest = KAPPAS[self.k], self.scales, []  # what is left of each record, and what counts
+        for block, sums in zip(self.blocks, self.grams, strict=True):
+            D, factor, _ = sums.inner(scales, kappa)
+            d = D * cho_solve(factor, D * (scales**-2.0 @ sums.across[:, : len(D), -1])) if len(D) else D
+            own, moved = d[: sums.q], d[sums.q :]
+            left = block.residual - block.all_own @ own - (block.unknown.response[:, :, : len(moved)] @ moved).T
+            rest.append((np.where(block.taken, left / scales, 0.0), block.taken))
+        whiteness = _whiteness(rest)
         whole = sum(math.exp(w - total) for j, w in self.log_weights.items() if KAPPAS[j] <= WHOLE)
         sizes, densities = [KAPPAS[j] for j in self.at], np.array(list(self.at.values()))
         log_whole, log_part = (float(x) for x in whole_and_part(densities, sizes) + (self.log_evidence - total))

@@ -13,6 +13,7 @@ e_k - a e_(k-1): their covariance has three diagonals, and one factor of it whit
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -32,8 +33,7 @@ from testbench.estimators.regression.smoothing import white_std
 from testbench.inference.kinematics import ANGLES, BESIDE, FLOW, FORCES, RATES, Kinematics
 from testbench.inference.linear import Grams, sized
 
-CLEAR = 0.9
-"""Probability from which an answer is said without a doubt."""
+CLEAR = 0.9  # probability from which an answer is said without a doubt
 KINDS: Mapping[str, tuple[float, float]] = {
     "scale": (0.01, 0.1),
     "late": (0.005, 0.05),
@@ -65,13 +65,11 @@ _MET = ("met", "metrise", "metforce", "metrate", "metturn")
 gust and rises with it, so that its motion goes with the gust that a vane reads beside it, as if scale or timing of vane
 or accelerometer were others."""
 _ANSWERED_S, _ANSWER = 1.0, 1.5
-_GUSTY = (
-    0.04  # of the motion of a flow angle: larger gusts, of which forces and rates tell more than a vane can be asked
-)
+# Of the motion of a flow angle: larger gusts, of which forces and rates tell more than a vane can be asked.
+_GUSTY = 0.04
 _STEEP = 200.0  # in ln p, for a process e times as large
 _CLEARLY = 3.0  # in ln p
-_GUSTS_M_S = 1.5
-"""Largest rms of what is left but for white noise: rad, m/s (of a height: of its rate), and of gusts."""
+_GUSTS_M_S = 1.5  # largest rms of what is left but for white noise: rad, m/s (of a height: of its rate), and of gusts
 _SPREAD = 0.3
 _ENOUGH = 4000  # samples of all records together: what they do not tell, more of them would not
 _SMOOTH_S = 0.04  # of a rate before its derivative
@@ -87,18 +85,12 @@ _UNTOLD = 1e-3  # of the precision of priors: what records tell by less is nothi
 
 @dataclass(frozen=True)
 class InstrumentFault:
-    """One error of one instrument that may explain why instruments do not agree.
+    """One error of one instrument that may explain why instruments do not agree."""
 
-    Attributes:
-        channel: of the instrument.
-        kind: "scale", "late" (its clock), "lag", "place" or "turned", see :data:`KINDS`.
-        probability: that this, and nothing else, is wrong.
-        estimate, std: size and standard error if so, in the units of :data:`KINDS`.
-    """
-
-    channel: str
-    kind: str
-    probability: float
+    channel: str  # of the instrument
+    kind: str  # "scale", "late" (its clock), "lag", "place" or "turned", see :data:`KINDS`
+    probability: float  # that this, and nothing else, is wrong
+    # estimate, std: size and standard error if so, in the units of :data:`KINDS`
     estimate: float
     std: float
 
@@ -163,15 +155,15 @@ class Agreement:
         return next(f for f in self.faults if f.channel == first) if probability >= CLEAR else None
 
 
-def taken_for_sure(found: Agreement, errors: float = 2.0) -> dict[str, float]:
-    """Return the small errors that sound instruments are found to have by more than so many standard deviations."""
+def taken_for_sure(found: Agreement) -> dict[str, float]:
+    """Return the small errors that sound instruments are found to have by more than two standard deviations."""
     if found.contradicted:
         return {}
     std = np.sqrt(np.diag(found.errors_covariance))
     return {
         n: float(x)
         for n, x, s in zip(found.errors, found.errors_mean, std, strict=True)
-        if n.rpartition("_")[2] in KINDS and abs(x) > errors * s
+        if n.rpartition("_")[2] in KINDS and abs(x) > 2.0 * s
     }
 
 
@@ -268,16 +260,11 @@ def _bound(records: Sequence[FlightRecord], gravity_m_s2: float, ground: bool = 
 
 @dataclass(frozen=True, eq=False)
 class Foretold:
-    """What the others foretell of the channels of a record, with errors of the instruments and without.
+    """What the others foretell of the channels of a record, with errors of the instruments and without."""
 
-    Attributes:
-        t_s: (n,) from the first sample of the record.
-        measured: channel -> (n,), SI.
-        before, after: the same, foretold without an error and with those that are found; a constant of each is its own.
-    """
-
-    t_s: FloatArray
-    measured: Mapping[str, FloatArray]
+    t_s: FloatArray  # (n,) from the first sample of the record
+    measured: Mapping[str, FloatArray]  # channel -> (n,), SI
+    # before, after: the same, foretold without an error and with those that are found; a constant of each is its own
     before: Mapping[str, FloatArray]
     after: Mapping[str, FloatArray]
 
@@ -294,22 +281,17 @@ class Foretold:
 
 @dataclass(frozen=True, eq=False)
 class EveryError:
-    """All errors of instruments at once, each perhaps as large as that of a faulty one.
+    """All errors of instruments at once, each perhaps as large as that of a faulty one."""
 
-    Attributes:
-        found: those that the records tell from none, CHANNEL_KIND -> size and standard error if there are no others,
-            those that are lost included; biases and the wind are among them.
-        told: those that the records decide, to a third of what they may be, -> the same if all of them are there.
-        lost: the others -> standard error beside all others, and what they may be.
-        rivals: error found -> others that would explain the records as well in its place -> the same of them.
-        foretold: of every record, with the errors found.
-    """
-
+    # those that the records tell from none, CHANNEL_KIND -> size and standard error if there are no others, those that
+    # are lost included; biases and the wind are among them
     found: Mapping[str, tuple[float, float]]
+    # those that the records decide, to a third of what they may be, -> the same if all of them are there
     told: Mapping[str, tuple[float, float]]
-    lost: Mapping[str, tuple[float, float]]
+    lost: Mapping[str, tuple[float, float]]  # the others -> standard error beside all others, and what they may be
+    # error found -> others that would explain the records as well in its place -> the same of them
     rivals: Mapping[str, Mapping[str, tuple[float, float]]]
-    foretold: tuple[Foretold, ...]
+    foretold: tuple[Foretold, ...]  # of every record, with the errors found
 
     @property
     def sizes(self) -> dict[str, float]:
@@ -475,24 +457,16 @@ class _Colour:
 
 @dataclass(frozen=True, eq=False)
 class _Weighed:
-    """Evidence of one hypothesis.
+    """Evidence of one hypothesis."""
 
-    Attributes:
-        log_evidence: natural logarithm.
-        colour: with which it is largest.
-        scales: (p,) of white noise, over what third differences say.
-        at: error -> most probable value.
-        value, std: of the error in question, if it is one.
-        covariance: (k, k) of the errors ``at``.
-    """
-
-    log_evidence: float
-    colour: _Colour
-    scales: FloatArray
-    at: Mapping[str, float]
+    log_evidence: float  # natural logarithm
+    colour: _Colour  # with which it is largest
+    scales: FloatArray  # (p,) of white noise, over what third differences say
+    at: Mapping[str, float]  # error -> most probable value
+    # value, std: of the error in question, if it is one
     value: float
     std: float
-    covariance: FloatArray
+    covariance: FloatArray  # (k, k) of the errors ``at``
 
 
 def _left(part: Kinematics, read: FloatArray) -> FloatArray:
@@ -644,15 +618,12 @@ class _Asked:
         V = float(np.median(parts[0].x["V"])) if "V" in parts[0].x else 1.0
         self.most = np.array([_SOUND.get(c, _GUSTS_M_S / V) for c in self.compared])
         self.dt_s = parts[0].dt_s
-        self.wandered = self._wandered()
+        # How far noise of all instruments makes what is left of each channel wander from sample to sample.
+        noise = {m: _white(parts, m) for m in parts[0].instruments}
+        squares = [sum(part.moved_by({}, m, s)[1:] ** 2 for m, s in noise.items()) for part in parts]
+        self.wandered = np.asarray(np.sqrt(np.mean(np.concatenate(squares), axis=0)))
         self.met = [(i, self.compared.index(n.split("_")[0])) for i, n in enumerate(self.std) if "_met" in n]
         self.moved = np.array([max(float(np.std(part.x[c])) for part in parts) for c in self.compared])
-
-    def _wandered(self) -> FloatArray:
-        """Return how far noise of all instruments makes what is left of each channel wander from sample to sample."""
-        noise = {m: _white(self.parts, m) for m in self.parts[0].instruments}
-        squares = [sum(part.moved_by({}, m, s)[1:] ** 2 for m, s in noise.items()) for part in self.parts]
-        return np.asarray(np.sqrt(np.mean(np.concatenate(squares), axis=0)))
 
     def weigh(self, point: _Point, colour: _Colour, fault: str, bounded: bool, scales: FloatArray | None) -> _Weighed:
         """Return the evidence if one error, or none, is that of a faulty instrument, with one colour."""
@@ -805,9 +776,7 @@ class _Asked:
         return row
 
     def _said(self, none: _Weighed, unknown: _Weighed, rows: Mapping[str, _Weighed]) -> Agreement:
-        kinds: dict[str, int] = {}
-        for f in rows:
-            kinds[f.rpartition("_")[0]] = kinds.get(f.rpartition("_")[0], 0) + 1
+        kinds = Counter(f.rpartition("_")[0] for f in rows)
         prior = [1.0 - _P_FAULTY - _P_UNKNOWN, _P_UNKNOWN]
         prior += [_P_FAULTY / len(kinds) / kinds[f.rpartition("_")[0]] for f in rows]
         logs = np.log(prior) + [r.log_evidence for r in (none, unknown, *rows.values())]

@@ -73,19 +73,12 @@ _SLOWEST_M_S = 3.0  # below it the airspeed is a deviation from trim, or none
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """One record as far as kinematics bind it.
+    """One record as far as kinematics bind it."""
 
-    Attributes:
-        x: channel -> samples (n,), SI.
-        dt_s: sample time.
-        compared: channels (p,) with a relation.
-        gravity_m_s2: at the place of the flight.
-    """
-
-    x: Mapping[str, FloatArray]
-    dt_s: float
-    compared: tuple[str, ...]
-    gravity_m_s2: float = G0_M_S2
+    x: Mapping[str, FloatArray]  # channel -> samples (n,), SI
+    dt_s: float  # sample time
+    compared: tuple[str, ...]  # channels (p,) with a relation
+    gravity_m_s2: float = G0_M_S2  # at the place of the flight
 
     @classmethod
     def of(cls, record: FlightRecord, gravity_m_s2: float = G0_M_S2, ground: bool = False) -> Kinematics:
@@ -166,9 +159,8 @@ class Kinematics:
                 slip = slip - errors.get("ay_place", 0.0) * (r - r[0])
                 y = beta + (v[0] + slip) / (V * np.cos(beta)) - np.tan(beta)
             elif c == "V":  # by the work of all forces, in which turning has no part
-                along = (ax - g * np.sin(theta)) * np.cos(alpha) + (az + g * np.cos(theta) * np.cos(phi)) * np.sin(
-                    alpha
-                )
+                ahead, below = ax - g * np.sin(theta), az + g * np.cos(theta) * np.cos(phi)
+                along = ahead * np.cos(alpha) + below * np.sin(alpha)
                 y = self._integral(along * np.cos(beta) + (ay + g * np.cos(theta) * np.sin(phi)) * np.sin(beta))
             elif c == "Vg":
                 ahead = u * np.cos(theta) + np.sin(theta) * (v * np.sin(phi) + w * np.cos(phi))
@@ -179,7 +171,9 @@ class Kinematics:
                 down = w if "alpha" in m else sink
                 climb = u * np.sin(theta) - np.cos(theta) * (v * np.sin(phi) + down * np.cos(phi))
                 y = self._integral(climb - errors.get("wind_bias", 0.0))
-            out.append(self._read(c, y, errors))
+            scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("scale", "late", "lag"))
+            y = (1.0 + scale) * _shifted(y, self.dt_s, late)  # as its instrument reads it
+            out.append(first_order_lag(y, self.dt_s, lag) if lag else y)
         return np.stack(out, axis=1)
 
     def moved_by(self, errors: Mapping[str, float], c: str, size: float) -> FloatArray:
@@ -187,11 +181,6 @@ class Kinematics:
 
         From that sample on, as the sum of all samples is what a bias does; a speed over ground, which nothing
         integrates, in that sample alone. The noise of what is read is not in it, but where a channel is foretold.
-
-        Args:
-            errors: of the instruments.
-            c: instrument.
-            size: of its noise.
         """
         bias, V = f"{c}_bias", self._divisors(errors)
         moved = self.readings(errors) - self.readings({**errors, bias: errors.get(bias, 0.0) - size})
@@ -230,12 +219,6 @@ class Kinematics:
         if lag:
             y = y + lag * np.gradient(y, self.dt_s)
         return (_shifted(y, self.dt_s, -late) - bias) / (1.0 + scale)
-
-    def _read(self, c: str, y: FloatArray, errors: Mapping[str, float]) -> FloatArray:
-        """Return what an instrument reads of what is true."""
-        scale, late, lag = (errors.get(f"{c}_{kind}", 0.0) for kind in ("scale", "late", "lag"))
-        y = (1.0 + scale) * _shifted(y, self.dt_s, late)
-        return first_order_lag(y, self.dt_s, lag) if lag else y
 
 
 def _shifted(y: FloatArray, dt_s: float, late_s: float) -> FloatArray:

@@ -35,18 +35,12 @@ _AT_REST = 1e-3  # of ln s, whose standard error is above 1e-2 for all but the l
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What an unknown motion of one record does, by its principal directions, the largest first.
+    """What an unknown motion of one record does, by its principal directions, the largest first."""
 
-    Attributes:
-        response: (p, n, m) of each channel to each direction at kappa = 1, in units of the noise; 0 where no sample
-            counts.
-        gram: (p, m, m) sums of its squares and products.
-        size: (m,) root of the sum of squares of each direction over all channels.
-    """
-
+    #: (p, n, m) of each channel to each direction at kappa = 1, in units of the noise; 0 where no sample counts
     response: FloatArray
-    gram: FloatArray
-    size: FloatArray
+    gram: FloatArray  #: (p, m, m) sums of its squares and products
+    size: FloatArray  #: (m,) root of the sum of squares of each direction over all channels
 
     @cached_property
     def by_sample(self) -> FloatArray:
@@ -107,21 +101,14 @@ def prewhitened(values: FloatArray, colour: FloatArray, taken: NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """One record about one point, in units of the stated noise.
+    """One record about one point, in units of the stated noise."""
 
-    Attributes:
-        residual: (n, p) measured less predicted.
-        columns: (n, p, k) change of the prediction for one unit of each shared parameter.
-        unknown: what the unknown motion does.
-        taken: (n, p) whether a sample counts.
-        own: (n, p, q) change by one standard deviation of each parameter that is the record's own, such as the form of
-            an effect or the gusts that it met.
-    """
-
-    residual: FloatArray
-    columns: FloatArray
-    unknown: Motion
-    taken: NDArray[np.bool_]
+    residual: FloatArray  #: (n, p) measured less predicted
+    columns: FloatArray  #: (n, p, k) change of the prediction for one unit of each shared parameter
+    unknown: Motion  #: what the unknown motion does
+    taken: NDArray[np.bool_]  #: (n, p) whether a sample counts
+    #: (n, p, q) change by one standard deviation of each parameter that is the record's own, such as the form of an
+    #: effect or the gusts that it met
     own: FloatArray | None = None
 
     @property
@@ -137,21 +124,13 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Grams:
-    """Sums over the samples of each channel of one record, of all that the evidence needs.
+    """Sums over the samples of each channel of one record, of all that the evidence needs."""
 
-    Attributes:
-        shared: (p, k + 1, k + 1) of the k columns, then the residual.
-        across: (p, q + m, k + 1) of the q of the record's own, then the m directions of motion, with those.
-        inside: (p, q + m, q + m) of the record's own and the directions.
-        samples: (p,) number that counts.
-        size: (m,) see :class:`Motion`.
-    """
-
-    shared: FloatArray
-    across: FloatArray
-    inside: FloatArray
-    samples: FloatArray
-    size: FloatArray
+    shared: FloatArray  #: (p, k + 1, k + 1) of the k columns, then the residual
+    across: FloatArray  #: (p, q + m, k + 1) of the q of the record's own, then the m directions of motion, with those
+    inside: FloatArray  #: (p, q + m, q + m) of the record's own and the directions
+    samples: FloatArray  #: (p,) number that counts
+    size: FloatArray  #: (m,) see :class:`Motion`
     _kept: dict[bytes, dict[float, tuple[FloatArray, Any, float]]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -242,9 +221,6 @@ def factored(M: FloatArray) -> tuple[FloatArray, bool]:
     """Return the Cholesky factor of the unit matrix plus a sum of squares, also where rounding hides that it has one.
 
     Eigenvalues are then no less than 1; those of sums of very large numbers are less by rounding.
-
-    Raises:
-        EstimationError: the sums are too large for a number.
     """
     if not np.isfinite(M).all():
         raise EstimationError(
@@ -300,32 +276,21 @@ class Reduced:
     log_det: float
     samples: float
 
-    def log_evidence(self, mean: FloatArray, std: FloatArray, which: Sequence[int] | None = None) -> float:
-        """Return ln p(y) with priors theta - theta0 ~ N(mean, std^2) of the parameters ``which``; others stay at 0."""
-        A, b = self._some(which)
+    def log_evidence(self, mean: FloatArray, std: FloatArray) -> float:
+        """Return ln p(y) with priors theta - theta0 ~ N(mean, std^2) of the parameters."""
+        A, b = self.A, self.b
         v = b - A @ mean
         q = self.c - 2.0 * mean @ b + mean @ A @ mean
-        M = np.eye(len(mean)) + std[:, None] * A * std
-        factor = factored(M)
+        factor = factored(np.eye(len(mean)) + std[:, None] * A * std)
         log_det = self.log_det + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         q -= (std * v) @ cho_solve(factor, std * v, check_finite=False)
         return -0.5 * (self.samples * float(np.log(2.0 * np.pi)) + log_det + float(q))
 
-    def posterior(
-        self, mean: FloatArray, std: FloatArray, which: Sequence[int] | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def posterior(self, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean and covariance of theta - theta0 given the records."""
-        A, b = self._some(which)
-        M = np.eye(len(mean)) + std[:, None] * A * std
-        factor = factored(M)
+        factor = factored(np.eye(len(mean)) + std[:, None] * self.A * std)
         covariance = std[:, None] * cho_solve(factor, np.diag(std), check_finite=False)
-        return mean + covariance @ (b - A @ mean), covariance
-
-    def _some(self, which: Sequence[int] | None) -> tuple[FloatArray, FloatArray]:
-        if which is None:
-            return self.A, self.b
-        rows = np.asarray(which, dtype=int)
-        return self.A[np.ix_(rows, rows)], self.b[rows]
+        return mean + covariance @ (self.b - self.A @ mean), covariance
 
 
 def reduced(grams: Sequence[Grams], scales: FloatArray, kappa: float) -> Reduced:
@@ -349,21 +314,13 @@ def reduced(grams: Sequence[Grams], scales: FloatArray, kappa: float) -> Reduced
 
 @dataclass(frozen=True, eq=False)
 class Sized:
-    """Noise scales at rest for one hypothesis at one kappa.
+    """Noise scales at rest for one hypothesis at one kappa."""
 
-    Attributes:
-        scales: (p,) s.
-        price: ln of the prior of s and of its integral about the rest (Laplace's approximation).
-        log_errors: (p,) standard errors of ln s.
-        reduced: at these scales.
-        log_density: ln of the evidence, s integrated.
-    """
-
-    scales: FloatArray
-    price: float
-    log_errors: FloatArray
-    reduced: Reduced
-    log_density: float
+    scales: FloatArray  #: (p,) s
+    price: float  #: ln of the prior of s and of its integral about the rest (Laplace's approximation)
+    log_errors: FloatArray  #: (p,) standard errors of ln s
+    reduced: Reduced  #: at these scales
+    log_density: float  #: ln of the evidence, s integrated
 
 
 def sized(

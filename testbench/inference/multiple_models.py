@@ -27,16 +27,14 @@ from scipy.special import logsumexp, ndtr
 
 from testbench.core.record import FloatArray
 
-P_FAULT = 0.05
-"""Prior probability that a manoeuvre is not answered as believed; the kinds of explanation share it."""
+P_FAULT = 0.05  # prior probability that a manoeuvre is not answered as believed; the kinds of explanation share it
 DELAYS_S = (0.15, 0.25, 0.4, 0.6)
 """By which a control may be late. A shorter delay is no fault: it is one of what no model has exactly."""
 _LATE_S = 0.05  # standard deviation of such a delay
 REVERSED = -1.0
 """What an instrument of the wrong sign reads of what there is. Other scales would be told by gusts alone as well, whose
 share in each reading is not known so closely; they are another aircraft here."""
-LEAST = 0.3
-"""Share by which a control must differ before anybody would call it a fault."""
+LEAST = 0.3  # share by which a control must differ before anybody would call it a fault
 _AT_REST = 3.5  # deviations of the noise of a control that has not moved
 _OTHER = 5.0  # standard deviations of what is believed, those of an aircraft that is not the believed one
 _FORM = 0.1  # share of what turns a state by which its equation is off, changing
@@ -48,31 +46,19 @@ _SCALES = np.sqrt([0.5, 1.0, 2.0, 4.0, 8.0])
 
 @dataclass(frozen=True, eq=False)
 class Bank:
-    """What is believed, in steps of the clock.
+    """What is believed, in steps of the clock."""
 
-    Attributes:
-        A: (M, n, n), B: (M, n, m); the believed aircraft first, then those a standard deviation away from it.
-        read: (p,) states that are measured.
-        noise: (p,) standard deviation of each reading.
-        rest: (n,) size of what the trim of each state is not known by.
-        gusts: (I, n, n) covariance of the process noise of a step, one for each intensity of turbulence.
-        forced: states whose equations hold forces or moments.
-        controls: columns of the inputs that are controls.
-        dt_s: of a step.
-        acting: (c,) standard deviation of the white noise of each control as it is recorded.
-        bends: (n,) share by which the form of the equations is off for each unit of a state, beside that near trim.
-    """
-
-    A: FloatArray
+    A: FloatArray  # (M, n, n), B: (M, n, m); the believed aircraft first, then those a standard deviation away from it
     B: FloatArray
-    read: tuple[int, ...]
-    noise: FloatArray
-    rest: FloatArray
-    gusts: FloatArray
-    forced: tuple[int, ...]
-    controls: tuple[int, ...]
-    dt_s: float
-    acting: FloatArray
+    read: tuple[int, ...]  # (p,) states that are measured
+    noise: FloatArray  # (p,) standard deviation of each reading
+    rest: FloatArray  # (n,) size of what the trim of each state is not known by
+    gusts: FloatArray  # (I, n, n) covariance of the process noise of a step, one for each intensity of turbulence
+    forced: tuple[int, ...]  # states whose equations hold forces or moments
+    controls: tuple[int, ...]  # columns of the inputs that are controls
+    dt_s: float  # of a step
+    acting: FloatArray  # (c,) standard deviation of the white noise of each control as it is recorded
+    # (n,) share by which the form of the equations is off for each unit of a state, beside that near trim
     bends: FloatArray
 
     @cached_property
@@ -124,12 +110,6 @@ def in_quiet_flight(
 def _steady(A: FloatArray, C: FloatArray, Q: FloatArray, R: FloatArray) -> FloatArray:
     """Return the covariances (I, n, n) of prediction errors of steady Kalman filters, P = A P A' - A P C' K' + Q.
 
-    Args:
-        A: (n, n) of them all.
-        C: (p, n) of them all.
-        Q: (I, n, n) covariances of the process noise.
-        R: (I, p, p) covariances of the readings.
-
     By doubling, all at once (E. K.-W. Chu et al., International Journal of Control 77(8), 2004): step k is that of 2^k
     samples. Scipy takes some hundred times as long for as many small ones, and is less exact.
     """
@@ -147,20 +127,13 @@ def _steady(A: FloatArray, C: FloatArray, Q: FloatArray, R: FloatArray) -> Float
 
 @dataclass(frozen=True)
 class Weighed:
-    """An explanation of a manoeuvre.
+    """An explanation of a manoeuvre."""
 
-    Attributes:
-        kind: "believed", "gain", "late", "reads" or "other" (an aircraft beyond the uncertainty of the believed one).
-        at: place of the control among the inputs, or of the state that is read; -1 if it is of none.
-        value: of what is expected, or s of delay; ``std`` its standard deviation.
-        probability: of it.
-    """
-
-    kind: str
-    at: int
-    value: float
+    kind: str  # "believed", "gain", "late", "reads" or "other" (an aircraft beyond the uncertainty of the believed one)
+    at: int  # place of the control among the inputs, or of the state that is read; -1 if it is of none
+    value: float  # of what is expected, or s of delay; ``std`` its standard deviation
     std: float
-    probability: float
+    probability: float  # of it
 
 
 class Watched:
@@ -297,11 +270,8 @@ class Watched:
     ) -> tuple[FloatArray, FloatArray]:
         """Return ln p (I, J), coefficients integrated, and the Cholesky factor it is told from.
 
-        Args:
-            scale: of the noise.
-            variants: those that are asked for.
-            control: whose effect is added, as the last column before what is left.
-            drawn: standard deviations of what is believed.
+        The effect of ``control`` is added as the last column before what is left; ``drawn`` are standard deviations of
+        what is believed.
         """
         D, c, last = self._x.shape[0] - 1, len(self.bank.controls), len(self._std)
         order = [*range(D), *range(D + c, last), *([] if control is None else [D + control]), last]

@@ -25,25 +25,15 @@ _SIZES = KAPPAS[1:]
 
 @dataclass(frozen=True)
 class Onset:
-    """In which records what is missing acts, and where it most probably begins or ends.
+    """In which records what is missing acts, and where it most probably begins or ends."""
 
-    Attributes:
-        probability: that it does not act in all of the records, if anything is missing at all.
-        record: number of the record in which it begins or ends; -1 if it acts throughout those that show it.
-        sample: at which it does.
-        ends: whether it ends there, and was there before.
-        shows: whether each record shows it.
-        places: number of times and records that were compared.
-        step: (k,) posterior mean of the re-tuned parameters there, less the point.
-    """
-
-    probability: float
-    record: int
-    sample: int
-    ends: bool
-    shows: tuple[bool, ...]
-    places: int
-    step: FloatArray
+    probability: float  # that it does not act in all of the records, if anything is missing at all
+    record: int  # number of the record in which it begins or ends; -1 if it acts throughout those that show it
+    sample: int  # at which it does
+    ends: bool  # whether it ends there, and was there before
+    shows: tuple[bool, ...]  # whether each record shows it
+    places: int  # number of times and records that were compared
+    step: FloatArray  # (k,) posterior mean of the re-tuned parameters there, less the point
 
     @property
     def place(self) -> tuple[int, int, bool, tuple[bool, ...]]:
@@ -137,21 +127,15 @@ class _Record:
 
 @dataclass(frozen=True, eq=False)
 class _Summed:
-    """Sums over the samples of a record, whatever the size of the unknown motion.
+    """Sums over the samples of a record, whatever the size of the unknown motion."""
 
-    Attributes:
-        S: (k + 1, k + 1) of the columns, then the residual.
-        B, G: (m, k + 1) and (m, m) of the pulses with these, and with one another.
-        log_noise: ln of the determinant of the noise.
-        samples: their number.
-        orders: of the pulses, the latest first and the earliest first, (m,), with how many are held at each time.
-    """
-
-    S: FloatArray
+    S: FloatArray  # (k + 1, k + 1) of the columns, then the residual
+    # B, G: (m, k + 1) and (m, m) of the pulses with these, and with one another
     B: FloatArray
     G: FloatArray
-    log_noise: float
-    samples: float
+    log_noise: float  # ln of the determinant of the noise
+    samples: float  # their number
+    # of the pulses, the latest first and the earliest first, (m,), with how many are held at each time
     orders: tuple[tuple[np.ndarray, list[int]], ...]
 
     @classmethod

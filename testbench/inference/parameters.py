@@ -113,11 +113,6 @@ class Noise:
         return np.array([NOISE_SPREAD[self.sources.get(c, self.source)] for c in self.std])
 
 
-def means_of(parameters: Sequence[Parameter]) -> FloatArray:
-    """Return the means (k,) of the priors."""
-    return np.array([p.value for p in parameters])
-
-
 def deviations_of(parameters: Sequence[Parameter]) -> FloatArray:
     """Return the standard deviations (k,) of the priors."""
     return np.array([p.prior_std for p in parameters])

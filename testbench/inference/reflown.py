@@ -19,31 +19,21 @@ from testbench.estimators.parametric.gauss_newton import minimise
 from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.model import ParametricModel
 
-MOST, FEWEST = 200, 10
-"""Flights at most and at least, where nobody says how many."""
+MOST, FEWEST = 200, 10  # flights at most and at least, where nobody says how many
 _WORK = 2_500_000  # samples times outputs times unknowns of all flights together: about a second
 _STEPS = 10  # of Gauss-Newton: from the point that was flown few are needed
-HOLDS, FAR = 1.96, 4.0
-"""Standard errors within which 95 % lie, and beyond which an estimate is wrong."""
+HOLDS, FAR = 1.96, 4.0  # standard errors within which 95 % lie, and beyond which an estimate is wrong
 
 
 @dataclass(frozen=True, eq=False)
 class Reflown:
-    """Estimates from flights of a model.
+    """Estimates from flights of a model."""
 
-    Attributes:
-        names: (k,) of the free parameters.
-        flown: (k,) what flew.
-        stated: (k,) standard errors that the estimator stated of the records.
-        estimates: (flights, k).
-        failed: flights that gave no estimate.
-    """
-
-    names: tuple[str, ...]
-    flown: FloatArray
-    stated: FloatArray
-    estimates: FloatArray
-    failed: int
+    names: tuple[str, ...]  # (k,) of the free parameters
+    flown: FloatArray  # (k,) what flew
+    stated: FloatArray  # (k,) standard errors that the estimator stated of the records
+    estimates: FloatArray  # (flights, k)
+    failed: int  # flights that gave no estimate
 
     @property
     def bias(self) -> FloatArray:

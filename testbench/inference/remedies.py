@@ -28,10 +28,8 @@ from testbench.inference.causes import ODDS, P_CAUSE, with_causes
 from testbench.inference.considered import at_rest
 from testbench.inference.form import BY_INPUT
 
-COLOUR = "coloured noise of the sensors"
-"""What is said of a fit whose errors hold what its residuals are."""
-COLOURED = 1e-3
-"""Probability of white residuals below which a cure is looked for."""
+COLOUR = "coloured noise of the sensors"  # what is said of a fit whose errors hold what its residuals are
+COLOURED = 1e-3  # probability of white residuals below which a cure is looked for
 _ENOUGH = ODDS + math.log((1.0 - P_CAUSE) / P_CAUSE)
 _LATE = 3.0  # standard errors of lateness from which it may be that of a servo
 _FASTER, _MOMENTS = 3.0, ("L_", "M_", "N_")
@@ -43,32 +41,20 @@ _UNLIKELY = 1e-4  # probability below which no rival is kept
 
 @dataclass(frozen=True)
 class Tried:
-    """A cure that was tried.
+    """A cure that was tried."""
 
-    Attributes:
-        name: what it takes into the model, in words.
-        gain: of ln evidence over the model without it; -inf where it gave no model.
-        taken: whether it is in the model that is returned.
-    """
-
-    name: str
-    gain: float
-    taken: bool = False
+    name: str  # what it takes into the model, in words
+    gain: float  # of ln evidence over the model without it; -inf where it gave no model
+    taken: bool = False  # whether it is in the model that is returned
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A model that explains the same records, and that was not taken.
+    """A model that explains the same records, and that was not taken."""
 
-    Attributes:
-        name: what it takes into the model, in words.
-        probability: that it is right, of all that were tried.
-        model: what was identified with it.
-    """
-
-    name: str
-    probability: float
-    model: ParametricModel
+    name: str  # what it takes into the model, in words
+    probability: float  # that it is right, of all that were tried
+    model: ParametricModel  # what was identified with it
 
 
 def wanting(model: ParametricModel) -> bool:
@@ -88,12 +74,7 @@ def _late(model: ParametricModel) -> bool:
 
 
 def evidence(model: ParametricModel, samples: int) -> float:
-    """Return ln L of a model less what its unknowns cost.
-
-    Args:
-        model: by output error or filter error.
-        samples: valid values of all outputs.
-    """
+    """Return ln L of a model, over valid samples of all outputs, less what its unknowns cost."""
     found = model.diagnostics
     own = sum(len(np.atleast_1d(part)) for key in ("offsets", "input_biases") for part in found.get(key, ()))
     own += sum(len(part) for part in found.get("lateness_s", ()))
@@ -119,13 +100,6 @@ def _deterministic(entry: Any, model: ParametricModel) -> Iterator[tuple[str, An
                 yield f"a lag behind {name}", other.model_copy(update={"start": {**entry.start, **faster, **tau}})
 
 
-def _gusty(entry: OutputErrorEntry, model: ParametricModel) -> FilterErrorEntry:
-    """Return the settings of filter error that stand for these of output error, inputs as late as they were found."""
-    own = {key: value for key, value in entry if key in FilterErrorEntry.model_fields and key != "method"}
-    late = {n: t for n, t in zip(model.inputs, model.delays_s, strict=True) if t != 0.0 and n not in entry.servo}
-    return FilterErrorEntry.model_construct(**{**own, "method": "filter_error", "delays_s": late})
-
-
 def mended(
     entry: OutputErrorEntry,
     model: ParametricModel,
@@ -139,13 +113,6 @@ def mended(
     (``late_std_s``), and behind a command without a servo: the fit may look as good. Gusts explain whatever moves
     the aircraft, a wrong model too: they come after what does not depend on chance, beside it, and only where
     kinematics show them and what is left does not go with the inputs.
-
-    Args:
-        entry: settings of output error that the model was identified with.
-        model: what came out.
-        records: that it was identified from.
-        fit: identifies by other settings from them.
-        gusts: whether kinematics show any, which are not tried otherwise.
     """
     samples = sum(int(r.select(model.outputs).valid.sum()) for r in records)
     best: tuple[Any, ParametricModel] = entry, model
@@ -170,8 +137,13 @@ def mended(
     before = [taken, *(way for way in lags if way is not taken and way.settled)]
     for way in before:
         assert way.model is not None
-        name = "gusts" if way is taken else f"gusts and {way.name}"
-        gusty.append(_tried(fit, name, _gusty(way.entry, way.model), base, samples))
+        name, given = "gusts" if way is taken else f"gusts and {way.name}", way.entry
+        # The settings of filter error that stand for these of output error, inputs as late as they were found.
+        own = {key: value for key, value in given if key in FilterErrorEntry.model_fields and key != "method"}
+        delays_s = zip(way.model.inputs, way.model.delays_s, strict=True)
+        late = {n: t for n, t in delays_s if t != 0.0 and n not in given.servo}
+        other = FilterErrorEntry.model_construct(**{**own, "method": "filter_error", "delays_s": late})
+        gusty.append(_tried(fit, name, other, base, samples))
     best_gust = gusty[0]
     for more in gusty[1:]:  # what else it takes must be needed beside gusts
         if not best_gust.settled or (more.settled and more.gain - best_gust.gain > _enough(more.model)):
@@ -235,10 +207,6 @@ def mixed(model: ParametricModel, rivals: Sequence[Rival]) -> ParametricModel:
 
     over the parameters that all have (J. A. Hoeting and others, Statistical Science 14, 1999, equation 3, of which the
     mean is that of the most probable). Where a likely rival moves a derivative beyond its error, a doubt says so.
-
-    Args:
-        model: that was taken.
-        rivals: what may be right in its place, with the same meaning of its values.
     """
     names = model.structure.parameter_names
     own = 1.0 - sum(r.probability for r in rivals)

@@ -13,8 +13,7 @@ from testbench.flight.linear_model import LinearModel
 
 PULSE_S = 0.5
 """Length of a pulse: about half of a short period, so that slower forces are sums of pulses, and noise is none."""
-PATH_S = 0.1
-"""Between the knots of an unknown deflection: about the time constant of a servo."""
+PATH_S = 0.1  #: between the knots of an unknown deflection: about the time constant of a servo
 _FORCED = ("u", "V", "w", "alpha", "v", "beta", "p", "q", "r")
 _READ_AT_ONCE = {"u": "ax", "V": "ax", "w": "az", "alpha": "az", "v": "ay", "beta": "ay"}
 """State -> the accelerometer that reads its derivative at once."""
@@ -68,11 +67,7 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
 
 
 def forced_states(linear: LinearModel) -> list[str]:
-    """Return the states of motion that pulses of acceleration force.
-
-    Raises:
-        EstimationError: there is none.
-    """
+    """Return the states of motion that pulses of acceleration force."""
     states = [s for s in _FORCED if s in linear.states]
     if not states:
         raise EstimationError(f"a model must have a state of motion, {', '.join(_FORCED)}, got {linear.states}")
