@@ -9,11 +9,11 @@ from collections.abc import Mapping
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ModelError
-from testbench.effects import aerodynamics, air, feedback, linkage, mass, sensor, servo, stall, structure, thrust
+from testbench.effects import aerodynamics, air, feedback, linkage, mass, sensor, servo, structure, thrust
 from testbench.effects.base import Effect, Parameter
 from testbench.sensors import SensorSuite
 
-_TABLES = (structure, servo, linkage, thrust, mass, aerodynamics, stall, feedback, air, sensor)
+_TABLES = (structure, servo, linkage, thrust, mass, aerodynamics, feedback, air, sensor)
 _OF_AIRCRAFT: dict[str, Effect] = {e.name: e for table in _TABLES for e in table.EFFECTS}
 
 SERVOS: Mapping[tuple[str, str], Effect] = servo.SERVOS | linkage.SERVOS
@@ -25,7 +25,7 @@ OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in (*servo.ON_REQUEST, *linka
 Those of the elevator come by name alone (``more_effects``).
 """
 
-ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in (*structure.ON_REQUEST, *stall.ON_REQUEST)}
+ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in (*structure.ON_REQUEST, *aerodynamics.ON_REQUEST)}
 """All that a scenario may ask for by name (``more_effects``) and the library does not hold."""
 
 # The sensor errors listed here are those of the longitudinal channels; `library` makes those of any suite.

@@ -1,4 +1,8 @@
-"""Terms that the six coefficients may lack: of alpha, of speed, of sideslip and deflections, of wings that differ."""
+"""Terms that the six coefficients may lack: of alpha, speed, sideslip, deflections, of wings that differ, of a stall.
+
+Lift behind a separation point is that of K. Kirchhoff's flow past a plate as used by M. Goman, A. Khrabrov, J. Aircraft
+31(5), 1994.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, Increment, Insert, Memory
+from testbench.aircraft.amend import Change
 from testbench.aircraft.seams import component, control_path, corner, moving, product, prop, value
 from testbench.core.constants import FT_M
 from testbench.effects.base import Effect, Parameter, Values, added
@@ -23,14 +28,10 @@ def force(coefficient: str, label: str, *terms: str) -> Increment:
     return Increment(coefficient, f"gap/{label}", terms)
 
 
-def excess(term: str, least: float) -> str:
-    """Return the XML of ``term`` minus ``least``."""
-    return f"<difference> {term} {value(least)} </difference>"
-
-
 def over_design_speed(aircraft: Aircraft) -> str:
     """Return the XML of V / V0 - 1, V0 the design speed."""
-    return excess(product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps")), 1.0)
+    relative = product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps"))
+    return f"<difference> {relative} {value(1.0)} </difference>"
 
 
 def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:
@@ -71,22 +72,14 @@ class Term:
 
     It is a term of the Taylor series that a linear model breaks off (B. Etkin, L. D. Reid, Dynamics of Flight, 1996,
     section 4.11, from memory).
-
-    Attributes:
-        name: of the effect.
-        coefficient: CL, CD, CY, Cl, Cm or Cn.
-        factors: "x", "alpha", "beta", "|dr|", ...; several in one are multiplied first.
-        text: what it does, with a place for x.
-        label: of the function in a model of the testbench's own form, if not gap/NAME.
-        form_error: see :class:`Effect`.
     """
 
-    name: str
-    coefficient: str
-    factors: tuple[str, ...]
-    text: str
-    label: str = ""
-    form_error: float = Effect.form_error
+    name: str  # of the effect
+    coefficient: str  # CL, CD, CY, Cl, Cm or Cn
+    factors: tuple[str, ...]  # "x", "alpha", "beta", "|dr|", ...; several in one are multiplied first
+    text: str  # what it does, with a place for x
+    label: str = ""  # of the function in a model of the testbench's own form, if not gap/NAME
+    form_error: float = Effect.form_error  # see :class:`Effect`
 
     def __call__(self, aircraft: Aircraft, values: Values) -> Amendment:
         """Return the amendment; ModelError if the aircraft lacks a control of it."""
@@ -117,6 +110,63 @@ def wake_lag(aircraft: Aircraft, values: Values) -> Amendment:
     return Amendment("wake_lag", text, (*edits, edit), memories=(wake,), rate_hz=aircraft.rate_hz)
 
 
+# --- laws: flow separation --------------------------------------------------------------------------------------------
+
+
+def attached(alpha_rad: float, sharpness: float) -> str:
+    """Return the XML of the separation point X = (1 - tanh(sharpness (alpha - alpha_s))) / 2, 1 where all is attached.
+
+    Written as 1 / (1 + exp(2 sharpness (alpha - alpha_s))).
+    """
+    power = product(value(2.0 * sharpness), f"<difference> {prop(ALPHA)} {value(alpha_rad)} </difference>")
+    bounded = f"<min> {power} {value(60.0)} </min>"
+    return f"<quotient> {value(1.0)} <sum> {value(1.0)} <exp> {bounded} </exp> </sum> </quotient>"
+
+
+def lost_lift(aircraft: Aircraft, X: str) -> str:
+    """Return the XML of CL_alpha alpha ((1 + sqrt(X))^2 / 4 - 1), the lift that separation takes away."""
+    root = f"<pow> {X} {value(0.5)} </pow>"
+    kept = f"<product> {value(0.25)} <pow> <sum> {value(1.0)} {root} </sum> {value(2.0)} </pow> </product>"
+    loss = f"<difference> {kept} {value(1.0)} </difference>"
+    return product(value(aircraft.coefficient("CL_alpha")), prop(ALPHA), loss)
+
+
+def won(size: float, X: str) -> str:
+    """Return the XML of size (1 - X): the drag, or the moment, of separated flow."""
+    return product(value(size), f"<difference> {value(1.0)} {X} </difference>")
+
+
+def stall(aircraft: Aircraft, values: Values) -> Amendment:
+    """Take away the lift that separation loses, see :func:`lost_lift`, and add the drag CD (1 - X)."""
+    X = attached(values["alpha_rad"], values["sharpness"])
+    text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, CD rises by {values['CD']:.3g} at most"
+    edits = force("CL", "stall", lost_lift(aircraft, X)), force("CD", "stall-drag", won(values["CD"], X))
+    return Amendment("stall", text, edits)
+
+
+def hysteresis(aircraft: Aircraft, values: Values) -> Amendment:
+    """Let the separation point follow its static value with a lag; lift and drag as in a static stall."""
+    X, late = attached(values["alpha_rad"], values["sharpness"]), prop("gap/separation")
+    edits, separation = followed("separation", X, values["time_s"], aircraft.rate_hz)
+    lift = force("CL", "stall-hysteresis", lost_lift(aircraft, late))
+    drag = force("CD", "stall-hysteresis-drag", won(values["CD"], late))
+    text = (
+        f"flow separates about alpha = {values['alpha_rad']:.3g} rad, late by {values['time_s']:.2g} s, CD rises by "
+        f"{values['CD']:.3g} at most"
+    )
+    changes: tuple[Change, ...] = (*edits, lift, drag)
+    return Amendment("stall_hysteresis", text, changes, memories=(separation,), rate_hz=aircraft.rate_hz)
+
+
+def with_moment(name: str, coefficient: str, aircraft: Aircraft, values: Values) -> Amendment:
+    """Take away the lift that separation loses, and add to Cm or Cl in proportion to what separated, C (1 - X)."""
+    X, label = attached(values["alpha_rad"], values["sharpness"]), name.replace("_", "-")
+    size = values[coefficient]
+    edits = force("CL", f"{label}-lift", lost_lift(aircraft, X)), force(coefficient, label, won(size, X))
+    text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, with a {coefficient} of {size:+.3g} at most"
+    return Amendment(name, text, edits)
+
+
 def _row(
     title: str, place: str, term: Term, size: Parameter, physics: str, mistaken_for: str, separated_by: str
 ) -> Effect:
@@ -130,6 +180,11 @@ def _row(
 # --- the table --------------------------------------------------------------------------------------------------------
 # fmt: off
 
+_BREAK = (
+    Parameter("alpha_rad", "rad", 0.03, 0.6, (0.1, 0.14, 0.22)),
+    Parameter("sharpness", "1/rad", 5.0, 80.0, (20.0,)),
+)
+_STALL = (*_BREAK, Parameter("CD", "1", -0.2, 0.5, (0.0,)))
 EFFECTS = (
     _row(
         "drag increment", "drag",
@@ -289,4 +344,41 @@ EFFECTS = (
         "square of the deflection.",
         "a pitching moment in the size of the deflection where all inputs are of one size",
         "aileron inputs of two sizes and of both signs, with the pitch rate recorded"),
+    Effect(
+        name="stall", title="stall (separation point)", place="lift",
+        physics="Near the stall the flow separates from the trailing edge forwards: lift falls below the straight line "
+        "and drag rises. The point of separation is a function of alpha alone.",
+        parameters=_STALL, amend=partial(added, stall),
+        mistaken_for="a curved lift line, or a lower CL_alpha, as long as alpha stays in a narrow band",
+        separated_by="a slow-down or pull-ups that take alpha beyond the break, and smaller ones that do not",
+        form_error=CURVED),
+    Effect(
+        name="stall_hysteresis", title="stall with hysteresis", place="lift",
+        physics="The point of separation takes time to move, so that lift is higher while alpha rises than while it "
+        "falls. Lift over alpha runs through loops that grow with the rate of alpha.",
+        parameters=(*_STALL, Parameter("time_s", "s", 0.0, 1.0, (0.1,))), amend=partial(added, hysteresis),
+        mistaken_for="a static stall, where alpha moves slowly",
+        separated_by="pull-ups beyond the break at two rates",
+        contains=("stall",), form_error=CURVED),
+    Effect(
+        name="asymmetric_stall", title="stall of one wing first", place="wing",
+        physics="One wing separates before the other: another rigging, dirt, damage. The aircraft drops that wing by a "
+        "rolling moment in proportion to what has separated.",
+        parameters=(*_BREAK, Parameter("Cl", "1", -0.5, 0.5, (0.02, -0.02))),
+        amend=partial(added, partial(with_moment, "asymmetric_stall", "Cl")),
+        mistaken_for="one wing with more lift slope, as long as alpha stays below the break",
+        separated_by="pull-ups beyond the break with the ailerons held",
+        lateral=True, form_error=CURVED),
 )
+ON_REQUEST = (
+    Effect(
+        name="stall_moment", title="stall with a pitching moment", place="lift",
+        physics="As the flow separates, the wing's lift moves aft and the downwash at the tail falls. The nose drops, "
+        "or rises if the tips stall first, by a moment in proportion to what has separated.",
+        parameters=(*_BREAK, Parameter("Cm", "1", -1.0, 1.0, (-0.05, 0.05))),
+        amend=partial(added, partial(with_moment, "stall_moment", "Cm")),
+        mistaken_for="a stall with a pitching moment curved over alpha, as long as alpha stays below the break",
+        separated_by="pull-ups beyond the break, with the elevator held",
+        form_error=CURVED),
+)
+"""A stall that pitches is a stall beside a curved moment: one more thing that longitudinal records may be taken for."""

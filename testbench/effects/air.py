@@ -73,14 +73,8 @@ def placed(
 ) -> Effect:
     """Return ``effect``, a gust, in one record along one axis, its parameters about where it was found.
 
-    Args:
-        effect: of the library.
-        record: key of the record.
-        manoeuvre: name of the record, for people.
-        axis: that it blows along.
-        start: amplitude, start and duration that a fit starts from; they are brought within the bounds.
-        lasts_s: length of the record.
-        looks: number of places that it was looked for at.
+    ``start`` is amplitude, start and duration that a fit starts from, brought within the bounds; the record
+    ``lasts_s``, and so many places were looked at.
     """
     amplitude, begins, duration = effect.parameters
     bounded = (amplitude, replace(begins, high=lasts_s), duration)

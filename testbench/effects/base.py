@@ -20,8 +20,7 @@ from testbench.sensors import SensorSuite
 # Where an effect acts, from the forces up to the pilot's command; what acts farther up passes through all below it.
 FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
 
-SIZE = 4.0
-"""Prior standard deviation of a size, in multiples of its usual start."""
+SIZE = 4.0  #: prior standard deviation of a size, in multiples of its usual start
 
 
 @dataclass(frozen=True)
@@ -50,17 +49,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class MetGust:
-    """A gust that one record met: it belongs to that record and not to the aircraft.
+    """A gust that one record met: it belongs to that record and not to the aircraft."""
 
-    Attributes:
-        record: key of the record, see :func:`testbench.questions.gap.starts.record_key`.
-        manoeuvre: its name, for people.
-        gust: on the clock of the record, which starts with its first sample.
-    """
-
-    record: str
-    manoeuvre: str
-    gust: Gust
+    record: str  #: key of the record, see :func:`testbench.questions.gap.starts.record_key`
+    manoeuvre: str  #: its name, for people
+    gust: Gust  #: on the clock of the record, which starts with its first sample
 
 
 Values = Mapping[str, float]
@@ -72,60 +65,45 @@ OverTime = Callable[[Aircraft, SensorSuite, Values, float], tuple[Aircraft, Sens
 
 @dataclass(frozen=True)
 class Effect:
-    """One physical effect that a believed model may lack.
+    """One physical effect that a believed model may lack."""
 
-    Attributes:
-        name: short name, as in results.
-        title: name for people.
-        place: part of the aircraft or sensor that it acts in. A second effect found in the same place is likely due to
-            the form of the first, which is never quite right.
-        physics: what happens, in two sentences.
-        parameters: what a fit estimates.
-        amend: returns aircraft and suite with the effect added; neither argument is changed.
-        mistaken_for: what it cannot be told from, and when.
-        separated_by: what flight or measurement tells them apart.
-        lateral: True if it is sought only in records whose aileron or rudder command moves.
-        contains: effects that are special cases of this one.
-        parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
-            EFFECT.PARAMETER.
-        met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
-        upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
-            found together act in that order, whichever was found first.
-        over_time: what it makes of an aircraft and its sensors so many s after take-off, for an effect that grows
-            during the flight: (aircraft, sensors, values, time) -> both. Then ``amend`` is that ten minutes after.
-        part: part of the aircraft that whoever looks for the cause goes to, see :mod:`testbench.questions.gap.parts`;
-            that of ``place`` if not given.
-        ground_check: the cheapest check on the ground, in words; that of the part if not given.
-        looks: number of places (records, times, components) where the effect was sought, the best of which was taken;
-            thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
-        own_form: the effect that does the same in models of the testbench's own form, where this one is left out.
-        elsewhere: (believed condition of a record, values) -> the one that it was really flown from, for an effect that
-            moves it.
-        later: whether it acts only in records that say that it has begun in flight.
-        form_error: how far the real thing departs from this form, relative to its own signature (judged). The residual
-            that it leaves may be as large as form_error times its own signature.
-    """
-
-    name: str
-    title: str
+    name: str  #: short name, as in results
+    title: str  #: name for people
+    #: part of the aircraft or sensor that it acts in. A second effect found in the same place is likely due to the form
+    #: of the first, which is never quite right.
     place: str
-    physics: str
-    parameters: tuple[Parameter, ...]
-    amend: Amend
-    mistaken_for: str
-    separated_by: str
-    lateral: bool = False
-    contains: tuple[str, ...] = ()
+    physics: str  #: what happens, in two sentences
+    parameters: tuple[Parameter, ...]  #: what a fit estimates
+    amend: Amend  #: returns aircraft and suite with the effect added; neither argument is changed
+    mistaken_for: str  #: what it cannot be told from, and when
+    separated_by: str  #: what flight or measurement tells them apart
+    lateral: bool = False  #: True if it is sought only in records whose aileron or rudder command moves
+    contains: tuple[str, ...] = ()  #: effects that are special cases of this one
+    #: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
+    #: EFFECT.PARAMETER
     parts: tuple[Effect, ...] = ()
+    #: values -> the gust that one record met; None for all effects that belong to aircraft or sensors
     met: Callable[[Values], MetGust] | None = None
+    #: number of places (records, times, components) where the effect was sought, the best of which was taken;
+    #: thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
     looks: int = 1
+    #: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects found together
+    #: act in that order, whichever was found first.
     upstream: int = FORCES
+    #: part of the aircraft that whoever looks for the cause goes to, see :mod:`testbench.questions.gap.parts`; that of
+    #: ``place`` if not given
     part: str = ""
-    ground_check: str = ""
+    ground_check: str = ""  #: the cheapest check on the ground, in words; that of the part if not given
+    #: what it makes of an aircraft and its sensors so many s after take-off, for an effect that grows during the
+    #: flight: (aircraft, sensors, values, time) -> both. Then ``amend`` is that ten minutes after.
     over_time: OverTime | None = None
+    #: the effect that does the same in models of the testbench's own form, where this one is left out
     own_form: str = ""
+    #: (believed condition of a record, values) -> the one that it was really flown from, for an effect that moves it
     elsewhere: Callable[[FlightCondition, Values], FlightCondition] | None = None
-    later: bool = False
+    later: bool = False  #: whether it acts only in records that say that it has begun in flight
+    #: how far the real thing departs from this form, relative to its own signature (judged). The residual that it
+    #: leaves may be as large as form_error times its own signature.
     form_error: float = 0.03
 
     @property

@@ -34,26 +34,16 @@ class Feedback:
 
     With "lag_s" among the values x is filtered, x / (1 + lag s); with "washout_rad_s" its slow part is taken away,
     s / (s + washout) x; with "most_rad" K x is no more than that either way.
-
-    Attributes:
-        name: of the effect.
-        control: whose servo is told.
-        quantity: property that x is, "da" for the aileron's command, "sin PROPERTY" for a sine.
-        gain: name of the parameter |K|.
-        sign: of K for a positive gain; that which damps or holds.
-        text: what it does, with a place for K.
-        filter: what people call the lag.
-        upstream: see :class:`Effect`.
     """
 
-    name: str
-    control: str
-    quantity: str
-    gain: str
-    sign: float
-    text: str
-    filter: str = "filter"
-    upstream: int = AUTOPILOT
+    name: str  # of the effect
+    control: str  # whose servo is told
+    quantity: str  # property that x is, "da" for the aileron's command, "sin PROPERTY" for a sine
+    gain: str  # name of the parameter |K|
+    sign: float  # of K for a positive gain; that which damps or holds
+    text: str  # what it does, with a place for K
+    filter: str = "filter"  # what people call the lag
+    upstream: int = AUTOPILOT  # see :class:`Effect`
 
     def __call__(self, aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
         """Return the amendment; ModelError if the aircraft lacks the aileron that it listens to."""

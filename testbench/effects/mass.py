@@ -43,11 +43,7 @@ def with_load(
 
 
 def centre(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Move the centre of gravity aft or right; accelerometers stay where they are in the airframe.
-
-    Raises:
-        ModelError: the model does not say where the centre of gravity is.
-    """
+    """Move the centre of gravity aft or right; accelerometers stay where they are in the airframe."""
     aft = values.get("aft_chords", 0.0) * aircraft.geometry.cbar_m
     right = values.get("right_spans", 0.0) * aircraft.geometry.b_m
     way = f"{1000.0 * aft:+.3g} mm aft" if name == "cg_shift" else f"{1000.0 * right:+.3g} mm to the right"

@@ -176,7 +176,9 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
         for kind, row in (shown | (_OF_PITOT if pitot and name == "V" else {})).items():
             words, usual, physics, mistaken_for, separated_by = row
             parameter = _OF_CHANNEL.get((name, kind), usual)
-            unit = {"bias": channel(name).unit, "drift": _per_second(name)}.get(kind, parameter.unit)
+            unit = channel(name).unit
+            per_s = f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
+            unit = {"bias": unit, "drift": per_s}.get(kind, parameter.unit)
             of_pitot = row is _OF_PITOT.get(kind)
             out[f"{name}_{kind}"] = Effect(
                 name=f"{name}_{kind}",
@@ -197,12 +199,6 @@ def sensor_effects(channels: Iterable[str], pitot: bool = False) -> dict[str, Ef
 def has_pitot(suite: SensorSuite) -> bool:
     """Return whether a pitot tube reads the airspeed."""
     return any(s.channel == "V" and isinstance(s, Pitot) for s in suite.sensors)
-
-
-def _per_second(name: str) -> str:
-    """Return the unit of how fast a channel drifts."""
-    unit = channel(name).unit
-    return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
 
 
 EFFECTS = (

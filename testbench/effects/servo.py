@@ -21,15 +21,13 @@ from testbench.aircraft.paths import ControlPath
 from testbench.aircraft.seams import control_path, moving, product, prop, remember, reroute, value, with_servo
 from testbench.core.errors import ModelError
 from testbench.core.keyed import Keyed
-from testbench.core.record import FloatArray
 from testbench.effects.base import LINK, SERVO, Effect, Parameter, Values, on_path
 from testbench.sensors import SensorSuite
 
 CONTROLS = ("de", "da", "dr", "thr")
 SURFACES = CONTROLS[:3]
 WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
-PLACES = {**WORDS, "thr": "thrust"}
-"""Control -> the place of effects between its command and its surface."""
+PLACES = {**WORDS, "thr": "thrust"}  # control -> the place of effects between its command and its surface
 COEFFICIENTS = {"de": ("Cm_de", "CL_de"), "da": ("Cl_da", "Cn_da"), "dr": ("Cn_dr", "CY_dr")}
 """Control -> the coefficients that its effectiveness consists of, the first of them the moment that it is there for."""
 BAND = 0.05  # form error of play and dead bands
@@ -119,21 +117,13 @@ def made(kinds: Sequence[Kind]) -> tuple[dict[tuple[str, str], Effect], tuple[Ef
 
 
 def corner_of(aircraft: Aircraft, control: str) -> float:
-    """Return the corner frequency of a servo, rad/s, amendments included; infinite where there is none.
-
-    Raises:
-        ModelError: the aircraft has no such control.
-    """
+    """Return the corner frequency of a servo, rad/s, amendments included; infinite where there is none."""
     path = control_path(aircraft, control)
     return math.inf if path.lag is None else declared(aircraft, path.lag)
 
 
 def declared(aircraft: Aircraft, name: str) -> float:
-    """Return the value of a declared property of the model, amendments included.
-
-    Raises:
-        ModelError: it is not declared.
-    """
+    """Return the value of a declared property of the model, amendments included."""
     known = _declared(Keyed(aircraft, aircraft.contents))
     if name not in known:
         raise ModelError(f"{aircraft.name} must declare {name}, it does not")
@@ -182,29 +172,22 @@ def delay(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     return Amendment(named(path.control, "transport_delay"), text, (edit,), rate_hz=aircraft.rate_hz)
 
 
-def _step(values: Values, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A (2, 2), B0 (2,), B1 (2,) of the step A x + B0 c + B1 c+ of position and rate under a ramp from c to c+.
-
-    Under a command that is held it is A x + (B0 + B1) c.
-    """
-    w, zeta = values["omega_rad_s"], values["zeta"]
-    A, B0, B1 = first_order_hold(np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]]), dt_s)
-    return A, B0[:, 0], B1[:, 0]
-
-
 def second_order(aircraft: Aircraft, path: ControlPath, values: Values) -> Amendment:
     """Replace the first-order servo by one of second order, d'' + 2 zeta w d' + w^2 d = w^2 c.
 
     What the believed servo of corner a is told is d + d' / a, with d the position of the second-order servo: that takes
     it to d itself. As the believed servo does, it takes a command that changes from frame to frame as a ramp.
     """
-    A, B0, B1 = _step(values, 1.0 / aircraft.rate_hz)
+    # Of the step A x + B0 c + B1 c+ of position and rate under a ramp from c to c+.
+    w, zeta = values["omega_rad_s"], values["zeta"]
+    of, by = np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]])
+    A, B0, B1 = first_order_hold(of, by, 1.0 / aircraft.rate_hz)
     label = labelled(path.control, "servo")
     p, v, last = (prop(f"gap/{label}-{name}") for name in ("position", "rate", "last"))
     c, still = prop(path.command), value(0.0)
     rows = [
         f"<sum> {product(value(A[i, 0]), p)} {product(value(A[i, 1]), v)} "
-        f"{product(value(B0[i]), last)} {product(value(B1[i]), c)} </sum>"
+        f"{product(value(B0[i, 0]), last)} {product(value(B1[i, 0]), c)} </sum>"
         for i in (0, 1)
     ]
     before = [
@@ -229,13 +212,9 @@ def delayed_servo(control: str, aircraft: Aircraft, suite: SensorSuite, values: 
 
 @dataclass(frozen=True)
 class OneSidedLimit(Insert):
-    """Give a servo another rate limit in the negative direction.
+    """Give a servo another rate limit in the negative direction."""
 
-    Attributes:
-        limit: rad/s.
-    """
-
-    limit: float = 0.0
+    limit: float = 0.0  # rad/s
     path: ControlPath | None = None
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:

@@ -15,8 +15,6 @@ from dataclasses import replace
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, ElasticMode, Increment
-from testbench.aircraft.amend import Change
-from testbench.aircraft.model import MassProperties
 from testbench.aircraft.seams import control_path, moved_centre, product, prop, scaled_mass, value
 from testbench.core.errors import ModelError
 from testbench.effects.aerodynamics import ALPHA, CURVED, force
@@ -112,11 +110,7 @@ def _sum(*terms: tuple[float, tuple[str, ...]]) -> str:
 
 
 def _arm(aircraft: Aircraft, moment: str, side: str) -> float:
-    """Return the lever of a surface over the length of its moment, from the derivatives of its control.
-
-    Raises:
-        ModelError: the control makes no force.
-    """
+    """Return the lever of a surface over the length of its moment, from the derivatives of its control."""
     along = aircraft.coefficient(side)
     if abs(along) < 1e-9:
         raise ModelError(f"{aircraft.name} must have a {side}, from which a lost surface is told, it has none")
@@ -173,27 +167,11 @@ def lost_tail(aircraft: Aircraft, share: float) -> _Lost:
 def lose(
     surface: Callable[[Aircraft, float], _Lost], aircraft: Aircraft, suite: SensorSuite, values: Values
 ) -> tuple[Aircraft, SensorSuite]:
-    """Take the share of the surface away.
-
-    Raises:
-        ModelError: the believed derivatives do not tell what the surface does.
-    """
+    """Take the share of the surface away."""
     name, share = surface.__name__, values["share"]
     edits, ratio, place = surface(aircraft, share)
-    changes, mass = _lighter(aircraft, ratio, place)
-    text = f"{100.0 * abs(share):.3g} % of the {name.removeprefix('lost_')} lost"
-    if name == "lost_wing":
-        text = f"{100.0 * abs(share):.3g} % of the {'right' if share >= 0.0 else 'left'} wing lost, from its tip"
-    return replace(aircraft.amended(Amendment(name, text, (*edits, *changes))), mass=mass), suite
-
-
-def _lighter(aircraft: Aircraft, ratio: float, place: _Place) -> tuple[tuple[Change, ...], MassProperties]:
-    """Return the changes that take a point mass away, and mass and inertia then, about the new centre of gravity."""
-    M = aircraft.mass
-    lost = ratio * M.mass_kg
-    aft, right, _ = place
-    shift = tuple(-ratio / (1.0 - ratio) * x for x in place)
-    about = lost / (1.0 - ratio)  # lost mass about the old centre, and the rest about the new one
+    M, (aft, right, _) = aircraft.mass, place
+    about = ratio * M.mass_kg / (1.0 - ratio)  # lost mass about the old centre, and the rest about the new one
     factors = {
         "mass_kg": 1.0 - ratio,
         "Ixx": 1.0 - about * right**2 / M.Ixx,
@@ -202,8 +180,13 @@ def _lighter(aircraft: Aircraft, ratio: float, place: _Place) -> tuple[tuple[Cha
     }
     if min(factors.values()) <= 0.0:
         raise ModelError(f"the part that is lost must weigh less than {aircraft.name} about each axis, it does not")
-    changes, mass = scaled_mass(aircraft, factors)
-    return (*changes, *moved_centre(replace(aircraft, mass=mass), shift)), mass
+    scaled, mass = scaled_mass(aircraft, factors)
+    shift = tuple(-ratio / (1.0 - ratio) * x for x in place)
+    changes = (*scaled, *moved_centre(replace(aircraft, mass=mass), shift))
+    text = f"{100.0 * abs(share):.3g} % of the {name.removeprefix('lost_')} lost"
+    if name == "lost_wing":
+        text = f"{100.0 * abs(share):.3g} % of the {'right' if share >= 0.0 else 'left'} wing lost, from its tip"
+    return replace(aircraft.amended(Amendment(name, text, (*edits, *changes))), mass=mass), suite
 
 
 # --- the table --------------------------------------------------------------------------------------------------------

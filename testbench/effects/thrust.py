@@ -25,11 +25,7 @@ _PROPELLER = 0.1  # form error of what a propeller and its slipstream do
 
 
 def thrust_coefficient(aircraft: Aircraft) -> str:
-    """Return the XML of T / (qbar S).
-
-    Raises:
-        ModelError: nothing drives the aircraft.
-    """
+    """Return the XML of T / (qbar S)."""
     control_path(aircraft, "thr")
     return f"<quotient> {prop(str(aircraft.source_of('thrust')[0]))} {_QBAR_S} </quotient>"
 
@@ -103,11 +99,7 @@ def thrust_lapse(aircraft: Aircraft, values: Values) -> Amendment:
 
 
 def slipstream(name: str, aircraft: Aircraft, values: Values) -> Amendment:
-    """Add k T / (qbar S) times the moment of the elevator plus a share of that of pitch rate.
-
-    Raises:
-        ModelError: the aircraft has no engine or no elevator.
-    """
+    """Add k T / (qbar S) times the moment of the elevator plus a share of that of pitch rate."""
     k, share = values["k"], values.get("damping_share", 1.0)
     of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(control_path(aircraft, "de").servo))
     cm_q = value(share * aircraft.coefficient("Cm_q"))

@@ -7,15 +7,13 @@ import pytest
 from axes import believe, commands
 from gap_fits import check_sizes, fits
 
-from testbench.effects import EFFECTS, ON_REQUEST, aerodynamics, feedback, mass, stall, structure, thrust
+from testbench.effects import EFFECTS, ON_REQUEST, aerodynamics, feedback, mass, structure, thrust
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.effect_contract import recorded
 from testbench.questions.gap.search.point import Point
 
-NEW = {
-    e.name: e for table in (aerodynamics, feedback, mass, stall, structure, thrust) for e in table.EFFECTS if e.lateral
-}
-NEW |= {e.name: e for table in (stall, structure) for e in table.ON_REQUEST}
+NEW = {e.name: e for table in (aerodynamics, feedback, mass, structure, thrust) for e in table.EFFECTS if e.lateral}
+NEW |= {e.name: e for table in (aerodynamics, structure) for e in table.ON_REQUEST}
 for of_yaw_rate in ("yaw_damper", "filtered_yaw_damper"):
     del NEW[of_yaw_rate]  # tried in test_lateral_gap.py
 # What is trimmed out shows nowhere else.
