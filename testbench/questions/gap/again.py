@@ -44,7 +44,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Journal:
-    """A file of JSON values, one a line, by their numbers; those of other fingerprints are skipped."""
+    """A file of JSON values, such as flights again, one a line by their numbers; those of other keys are skipped."""
 
     file: Path | None
     key: str
@@ -53,9 +53,6 @@ class Journal:
         """Return the first rows of the fingerprint in their order, each made by ``of`` from its values.
 
         A line that was cut off is left out.
-
-        Raises:
-            RecordError: the file cannot be read.
         """
         known: dict[int, Made] = {}
         if self.file is None or not self.file.exists():
@@ -70,11 +67,7 @@ class Journal:
         return [known[i] for i in takewhile(known.__contains__, count())]
 
     def write(self, values: Sequence[Mapping[str, Any]], first: int) -> None:
-        """Write more lines, the first of this number.
-
-        Raises:
-            WriteError: the file cannot be written.
-        """
+        """Write more lines, the first of this number."""
         if self.file is None or not values:
             return
         rows = [{"of": self.key, "number": n, **one} for n, one in enumerate(values, first)]
@@ -85,26 +78,6 @@ class Journal:
         except OSError as error:
             law = "flights again, and fits, must be kept in a file that can be written to"
             raise not_written(self.file, error, law) from error
-
-
-class Kept(Journal):
-    """A file that holds flights again, one a line."""
-
-    def read(self) -> list[Trial]:
-        """Return the first flights in their order.
-
-        Raises:
-            RecordError: the file cannot be read.
-        """
-        return self.rows(Trial)
-
-    def add(self, trials: Sequence[Trial], first: int) -> None:
-        """Write more of them, the first of this number.
-
-        Raises:
-            WriteError: the file cannot be written.
-        """
-        self.write([asdict(trial) for trial in trials], first)
 
 
 class KeptFits:
@@ -140,11 +113,7 @@ class KeptFits:
         return None
 
     def keep(self, group: str, content: Any) -> None:
-        """Write a group that is at rest.
-
-        Raises:
-            WriteError: the file cannot be written.
-        """
+        """Write a group that is at rest."""
         self._before = self._named(group)
         self._journal.write([{"group": self._before, "fits": content}], self._number)
         self._number += 1
@@ -161,19 +130,12 @@ SEED = 1
 
 @dataclass(frozen=True, eq=False)
 class Reflown:
-    """A flight that is flown again with truths drawn from the priors.
+    """A flight that is flown again with truths drawn from the priors."""
 
-    Attributes:
-        believed: the model as believed, before any air was found.
-        records: the measured records that were named from.
-        air: the air that was found.
-        effects: the library that was sought in, by name.
-    """
-
-    believed: Believed
-    records: Sequence[FlightRecord]
-    air: AirFound
-    effects: Mapping[str, Effect] = field(default_factory=dict)
+    believed: Believed  # the model as believed, before any air was found
+    records: Sequence[FlightRecord]  # the measured records that were named from
+    air: AirFound  # the air that was found
+    effects: Mapping[str, Effect] = field(default_factory=dict)  # the library that was sought in, by name
 
     @property
     def fingerprint(self) -> str:
@@ -189,20 +151,10 @@ class Reflown:
     def times(self, trials: int, ask: Ask, say: Callable[[str], None], file: Path | None = None) -> Reliability:
         """Fly it so often, and ask about each flight as about the measured ones.
 
-        Args:
-            trials: number of flights again.
-            ask: names what records hold, given the air that was heard in them.
-            say: called with a few words as each begins.
-            file: keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no
-                harm.
-
-        Raises:
-            TrimError: of many truths that were drawn none can be flown.
-            RecordError: the file cannot be read.
-            WriteError: it cannot be written.
+        The file keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no harm.
         """
-        log = Kept(file, self.fingerprint)
-        kept = log.read()
+        log = Journal(file, self.fingerprint)
+        kept = log.rows(Trial)
         done = len(kept)
 
         def draw(rng: np.random.Generator) -> tuple[str, list[FlightRecord]]:
@@ -214,7 +166,7 @@ class Reflown:
 
         found = Reliability(())
         for found in calibrate(draw, asked, trials, SEED, kept):
-            log.add(found.trials[done:], done)
+            log.write([asdict(trial) for trial in found.trials[done:]], done)
             done = len(found.trials)
         return found
 
@@ -223,9 +175,6 @@ class Reflown:
 
         Sample times, commands and missing samples are those of ``records``. Coefficients and sizes are drawn from their
         priors, cut at two standard deviations. The turbulence has the rms and height of ``air``.
-
-        Raises:
-            TrimError: of many truths none survives the commands.
         """
         priors = self.believed.priors_of(self.records)
         possible = [e for e in self.effects.values() if e.met is None and e.over_time is None]
@@ -247,11 +196,7 @@ class Reflown:
 
 
 def search_key(flown: Reflown, more: object) -> str:
-    """Return a digest of all that the fits of a search depend on, the code of effects of one's own among it.
-
-    Raises:
-        RecordError: their code cannot be read.
-    """
+    """Return a digest of all that the fits of a search depend on, the code of effects of one's own among it."""
     effects = flown.effects.values()
     code = (getattr(getattr(e.amend, "func", e.amend), "__code__", None) for e in effects)
     files = sorted({Path(c.co_filename).resolve() for c in code if c is not None})
@@ -287,20 +232,13 @@ def _measured(real: Believed, record: FlightRecord, air: Air | None, seed: int) 
     """Return ``record`` with what the sensors of ``real`` read, in place of what was measured."""
     truth = real.flown(record, None, air)
     measured = real.at(record).suite.measure(truth, seed)
-    if real.colours.any():
-        measured = _coloured(real, measured, real.at(record).suite.without_errors().measure(truth, seed))
+    if real.colours.any():  # noise that is as coloured as it is believed to be
+        exact = real.at(record).suite.without_errors().measure(truth, seed)
+        for n, a in zip(real.outputs, real.colours.tolist(), strict=True):
+            noise = np.nan_to_num(measured[n] - exact[n])
+            scaled = np.r_[noise[:1], math.sqrt(1.0 - a**2) * noise[1:]]
+            measured = measured.with_columns({n: exact[n] + lfilter([1.0], [1.0, -a], scaled)})
     surfaces = {f"{n}_cmd": s for n, s in surface_noise(record).items() if np.ptp(record[f"{n}_cmd"]) > 0.0}
     rng = np.random.default_rng([seed, 1])
-    read = {
-        n: record[n] + std * rng.standard_normal(len(record)) for n, std in surfaces.items()
-    }  # as they are measured
+    read = {n: record[n] + std * rng.standard_normal(len(record)) for n, std in surfaces.items()}  # as measured
     return record.with_columns({**{name: measured[name] for name in real.outputs}, **read})
-
-
-def _coloured(real: Believed, measured: FlightRecord, exact: FlightRecord) -> FlightRecord:
-    """Return what was measured with noise that is as coloured as it is believed to be."""
-    noise = {n: np.nan_to_num(measured[n] - exact[n]) for n in real.outputs}
-    scaled = {n: np.r_[e[:1], math.sqrt(1.0 - real.colour.get(n, 0.0) ** 2) * e[1:]] for n, e in noise.items()}
-    return measured.with_columns(
-        {n: exact[n] + lfilter([1.0], [1.0, -real.colour.get(n, 0.0)], e) for n, e in scaled.items()}
-    )

@@ -1,4 +1,8 @@
-"""The believed aircraft and sensors, flown through the commands of a measured record."""
+"""The believed aircraft and sensors, flown through the commands of a measured record.
+
+Whatever flies a model raises FlightAborted, LimitError or TrimError where it does not survive the commands, and
+RecordError of a record that holds no command or too little quiet flight; in this room that is said here alone.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +39,8 @@ from testbench.questions.gap.evidence.commanded import (
     surface_noise,
 )
 from testbench.questions.gap.flights import Flyer, Wanted, flights, linear_models, made, trims
-from testbench.questions.gap.free_start import Directions, FreeStart
 from testbench.questions.gap.priors import PRIORS, priors_of
-from testbench.questions.gap.starts import Start, record_key, start_of
+from testbench.questions.gap.starts import Directions, FreeStart, Start, record_key, start_of
 from testbench.sensors import SensorSuite
 from testbench.sensors.sensor import responses
 
@@ -93,6 +96,10 @@ class Believed:
     later: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
     surfaces: tuple[str, ...] = ()
     colour: Mapping[str, float] = field(default_factory=dict)
+    _by_start: dict[Start, Believed] = field(default_factory=dict, init=False, repr=False)
+    _begun: dict[str, list[tuple[FloatArray, float]]] = field(default_factory=dict, init=False, repr=False)
+    _aimed: dict[tuple[str, int], FloatArray] = field(default_factory=dict, init=False, repr=False)
+    _readings: dict[tuple[str, bytes], FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not _outputs(self.suite):
@@ -160,10 +167,6 @@ class Believed:
         """Return :meth:`at` of several records, each condition and load once."""
         return list({id(there): there for there in map(self.at, records)}.values())
 
-    @cached_property
-    def _by_start(self) -> dict[Start, Believed]:
-        return {}
-
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added, or with all parts of one that is put together."""
         if effect.parts:
@@ -203,24 +206,17 @@ class Believed:
         """
         read = tuple(n for n in self.outputs if n not in LATERAL_OUTPUTS and n not in self.surfaces)
         known = {n: d for n, d in priors_of(records, self.aircraft).items() if read or n not in PRIORS}
-        return {n: d for n, d in known.items() if self._has(n)}
-
-    def _has(self, coefficient: str) -> bool:
         if self.aircraft.adapter is None:
-            return f'"aero/coefficient/{coefficient}"' in self.aircraft.xml
-        control = coefficient.partition("_")[2]
-        there = control not in CONTROLS or control in self.aircraft.controls
-        return there and abs(self.aircraft.coefficient(coefficient)) > NOTHING
+            return {n: d for n, d in known.items() if f'"aero/coefficient/{n}"' in self.aircraft.xml}
+        without = {c for c in CONTROLS if c not in self.aircraft.controls}
+        known = {n: d for n, d in known.items() if n.partition("_")[2] not in without}
+        return {n: d for n, d in known.items() if abs(self.aircraft.coefficient(n)) > NOTHING}
 
     def predict(self, record: FlightRecord) -> FloatArray:
         """Return what the believed sensors would have read on this record, (n, outputs), without noise, from JSBSim.
 
         The measured commands, as deviations from the quiet flight before them, are held from sample to sample and added
         to the believed trim.
-
-        Raises:
-            FlightAborted, LimitError: the believed aircraft does not survive these commands.
-            RecordError: the record holds no command, or no quiet flight before the first one.
         """
         at = self.begun(record)
         if at is not None:
@@ -229,11 +225,7 @@ class Believed:
         return there._read(there.flown(record, there.needed))
 
     def free_start_of(self, record: FlightRecord) -> FreeStart | None:
-        """Return what the start of a record is made of; None for one that begins at trim.
-
-        Raises:
-            RecordError: it starts freely, and nothing is known of its start.
-        """
+        """Return what the start of a record is made of; None for one that begins at trim."""
         if not starts_freely(record):
             return None
         key = key_of_start(record)
@@ -246,10 +238,6 @@ class Believed:
 
         Steps of Gauss-Newton on the tangents of its start, as long as they suit it better, from where ``begins`` says
         or from the origin, whichever suits it better.
-
-        Raises:
-            FlightAborted, LimitError: a flight from there does not survive.
-            RecordError: as :meth:`predict`.
         """
         free = self.free_start_of(record)
         if free is None:
@@ -278,9 +266,6 @@ class Believed:
         """Return the start parameters (k,) that are flown next by ``begun``.
 
         None if so many steps are made already, or another one would be too small to be flown.
-
-        Raises:
-            FlightAborted, LimitError: as :meth:`begun`.
         """
         free, key = self.free_start_of(record), key_of_start(record)
         assert free is not None
@@ -317,25 +302,10 @@ class Believed:
         """Return the belief whose starts are sought from others, or lie there."""
         return replace(self, begins=starts, begins_there=there) if starts else self
 
-    @cached_property
-    def _begun(self) -> dict[str, list[tuple[FloatArray, float]]]:
-        return {}
-
-    @cached_property
-    def _aimed(self) -> dict[tuple[str, int], FloatArray]:
-        return {}
-
-    @cached_property
-    def _readings(self) -> dict[tuple[str, bytes], FloatArray]:
-        return {}
-
     def cost_of_start(self, record: FlightRecord, x: FloatArray) -> float:
         """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior.
 
         Infinite where the flight does not survive, but for the origin.
-
-        Raises:
-            FlightAborted, LimitError: the flight from the origin does not survive.
         """
         free = self.free_start_of(record)
         assert free is not None
@@ -359,18 +329,6 @@ class Believed:
             partial(self.over_noise, record), (self.whiten, self.noise_std.tobytes() + self.colours.tobytes())
         )
 
-    def _deviations(self, record: FlightRecord, at: FloatArray | None = None) -> tuple[tuple[str, ...], FloatArray]:
-        """Return controls and the deviations (n, m) of their commands from trim, with the offsets of a start ``at``."""
-        names, u = commands(record)
-        free = self.free_start_of(record)
-        if free is None:
-            return names, u
-        offsets = free.offsets(free.origin if at is None else at)
-        more = tuple(n for n in offsets if n not in names)
-        u = np.hstack([u, np.zeros((len(u), len(more)))])
-        names = (*names, *more)
-        return names, u + np.array([offsets.get(n, 0.0) for n in names])
-
     def read_from(self, record: FlightRecord, at: FloatArray) -> FloatArray:
         """Return what :meth:`predict` does, of a record that starts freely with parameters ``at`` (k,)."""
         key = record_key(record), at.tobytes()
@@ -384,11 +342,6 @@ class Believed:
 
         The trim that the commands of a record that starts freely belong to is not known: there controls stop at their
         ends.
-
-        Raises:
-            LimitError: they do.
-            RecordError: as :meth:`predict`.
-            TrimError: the belief has no trim.
         """
         if starts_freely(record):
             return
@@ -413,9 +366,6 @@ class Believed:
 
         ``air`` is flown through in place of the still air, or the gust, that the record is believed to have met. ``at``
         (k,) are the parameters of a free start, those that suit this model best if not given.
-
-        Raises:
-            FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
         found = flights([self.wanted(record, channels, air, at)])[0]
         there = self.at(record)
@@ -428,11 +378,7 @@ class Believed:
         air: Air | None = None,
         at: FloatArray | None = None,
     ) -> Wanted:
-        """Return what :meth:`flown` flies, to be asked for together with others.
-
-        Raises:
-            FlightAborted, LimitError, RecordError: as :meth:`begun`.
-        """
+        """Return what :meth:`flown` flies, to be asked for together with others."""
         gust = self.gust_in(record)
         air = Air(gust=gust) if air is None and gust is not None else air
         free, flyer = self.free_start_of(record), self.at(record).flyer
@@ -442,7 +388,10 @@ class Believed:
         at = self.begun(record) if at is None else at
         assert at is not None
         at = at + self._moved_trim(record, free)
-        names, u = self._deviations(record, at)
+        (names, u), offsets = commands(record), free.offsets(at)
+        more = tuple(n for n in offsets if n not in names)
+        names, u = (*names, *more), np.hstack([u, np.zeros((len(u), len(more)))])
+        u = u + np.array([offsets.get(n, 0.0) for n in names])
         frames = at_frames(names, u, record, self.rate_hz, free.began(at))
         return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air, free.start(at))
 
@@ -464,11 +413,7 @@ class Believed:
         return self.wanted(record, self.at(record).needed, at=at)
 
     def gust_in(self, record: FlightRecord) -> Gust | None:
-        """Return the gust that this very record met, if any.
-
-        Raises:
-            ModelError: it is said to have met more than one.
-        """
+        """Return the gust that this very record met, if any."""
         key = record_key(record) if self.gusts else ""
         met = [g for g in self.gusts if g.record == key]
         if len(met) > 1:
@@ -546,7 +491,7 @@ class Believed:
     def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
         """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record.
 
-        If the start of the record is unknown, what it would change is taken out (:mod:`.free_start`).
+        If the start of the record is unknown, what it would change is taken out (:mod:`.starts`).
         """
         r, free = self.over_noise(record, difference), self.free_start_of(record)
         return r if free is None else self._directions(record, free).taken_out(r)
@@ -567,17 +512,12 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """What of a suite is compared.
+    """What of a suite is compared."""
 
-    Attributes:
-        noise_std: (outputs,).
-        ideal: the outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random.
-        needed: the true channels that they are made of.
-    """
-
-    noise_std: FloatArray
+    noise_std: FloatArray  # (outputs,)
+    # the outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random
     ideal: SensorSuite
-    needed: tuple[str, ...]
+    needed: tuple[str, ...]  # the true channels that they are made of
 
 
 @lru_cache(maxsize=256)

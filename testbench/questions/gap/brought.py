@@ -16,8 +16,7 @@ from testbench.effects import Effect, catalogue, left_out, library
 from testbench.page.words import grouped
 from testbench.sensors import SensorSuite
 
-FOLDER = "effects"
-"""Folder of a project in which effects are looked for."""
+FOLDER = "effects"  # folder of a project in which effects are looked for
 
 
 @dataclass(frozen=True)
@@ -29,26 +28,17 @@ class Guarded:
     what: str
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call it.
-
-        Raises:
-            BroughtCodeError: it raised an error that is none of the testbench's, or ends the program.
-        """
+        """Call it."""
         with bring.running(self.path, f"{self.what} must work"):
             return self.function(*arguments)
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The effects that are searched.
+    """The effects that are searched."""
 
-    Attributes:
-        effects: by name.
-        notes: whose code runs beside the library's, a sentence for each file.
-    """
-
-    effects: Mapping[str, Effect]
-    notes: tuple[str, ...] = ()
+    effects: Mapping[str, Effect]  # by name
+    notes: tuple[str, ...] = ()  # whose code runs beside the library's, a sentence for each file
 
 
 def choose(
@@ -108,16 +98,18 @@ def load_effect(path: Path, attribute: str) -> Effect:
 def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None) -> list[str]:
     """Return what is wrong with names of effects, as far as the text of their files tells; nothing is run.
 
-    Args:
-        names: of the library, or ``FILE.py:NAME``.
-        suite: as believed; if None, names of the library are not checked.
-        beside: the scenario's file.
+    Without a suite, names of the library are not checked.
     """
     out: list[str] = []
     for name in names:
         try:
             if bring.is_brought(name):
-                _look_at(*bring.find(name, beside, FOLDER))
+                path, attribute = bring.find(name, beside, FOLDER)
+                file = bring.declared(path)
+                file.need(attribute)  # what a call makes of it is known only when the file runs
+                plain = isinstance(file.values.get(attribute), (ast.Constant, ast.List, ast.Dict))
+                if plain or attribute in {**file.functions, **file.classes}:
+                    raise ScenarioError([f"{path.name}:{attribute} must be an Effect(...), got something else"])
             elif suite is not None:
                 _packaged(name, catalogue(suite))
         except ScenarioError as error:
@@ -129,13 +121,3 @@ def _packaged(name: str, known: Mapping[str, Effect]) -> Effect:
     if name not in known:
         raise ScenarioError([f"must name an effect of the library or FILE.py:NAME, got '{name}'{nearest(name, known)}"])
     return known[name]
-
-
-def _look_at(path: Path, attribute: str) -> None:
-    """Check by its text that a file defines that name; what a call makes of it is known only when the file runs."""
-    file = bring.declared(path)
-    file.need(attribute)
-    value = file.values.get(attribute)
-    wrong = attribute in {**file.functions, **file.classes} or isinstance(value, (ast.Constant, ast.List, ast.Dict))
-    if wrong:
-        raise ScenarioError([f"{path.name}:{attribute} must be an Effect(...), got something else"])

@@ -50,40 +50,20 @@ _NO_LIMIT_RAD_S = 100.0
 _LOG = "sha256"  # in the provenance of what was imported from a log
 
 
-@dataclass(frozen=True, eq=False)
-class Driven:
-    """What is flown by commands, or by surfaces in their place.
-
-    Attributes:
-        believed: the belief; of controls that surfaces drive, without servos; with the other surfaces compared.
-        records, held_out: with what drives, by name.
-        paths: those of controls whose surface drives, which are not seen.
-    """
-
-    believed: Believed
-    records: Mapping[str, FlightRecord]
-    held_out: Mapping[str, FlightRecord]
-    paths: tuple[SurfacePath, ...]
-
-
 def driven(
-    believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord], drive: Drive
-) -> Driven:
-    """Return records and belief as ``drive`` says.
+    believed: Believed, records: Mapping[str, FlightRecord], drive: Drive
+) -> tuple[Believed, dict[str, FlightRecord], tuple[SurfacePath, ...]]:
+    """Return belief and records with what drives as ``drive`` says, and the paths that are not seen for it.
 
-    Raises:
-        RecordError: as :func:`drive_records`; or the believed model turns such a surface by what it measures.
-        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these records.
+    Of controls that surfaces drive, the belief has no servos; the other surfaces are compared.
     """
-    both = drive_records(believed.suite, {**records, **held_out}, drive)
-    naming, judging = ({n: both[n] for n in part} for part in (records, held_out))
-    controls = driving(list(both.values()))
-    out = _without_servos(believed, both, controls) if controls else believed
+    given = drive_records(believed.suite, records, drive)
+    controls = driving(list(given.values()))
+    out = _without_servos(believed, given, controls) if controls else believed
     if drive == "both":
-        out = comparing(out, list(both.values()))
+        out = comparing(out, list(given.values()))
     why = 'drive = "surface" asks for it' if drive == "surface" else "its command, {}_cmd, is not recorded"
-    paths = tuple(SurfacePath(c, why.format(c)) for c in controls if c in SURFACES)
-    return Driven(out, naming, judging, paths)
+    return out, given, tuple(SurfacePath(c, why.format(c)) for c in controls if c in SURFACES)
 
 
 def comparing(believed: Believed, records: Sequence[FlightRecord] = ()) -> Believed:
@@ -111,13 +91,8 @@ def drive_records(
     Commands that a sensor with noise measured stand still where they rest (:mod:`.evidence.rested`). Those of a log
     that go step by step move on between samples (:func:`.evidence.commanded.between_samples`). Samples of a
     surface that were lost lie on straight lines. A surface that stirs no more than its noise stands still; one that
-    stirs in no record is left alone where something else drives.
-
-    Args:
-        suite: of the sensors believed, which says bias, scale, lag, delay and noise of the surfaces' sensors, and the
-            noise of commands that were measured.
-        records: by name.
-        drive: "surface" takes surfaces wherever they are recorded, "both" where no command is, "command" none.
+    stirs in no record is left alone where something else drives. ``drive`` "surface" takes surfaces wherever they are
+    recorded, "both" where no command is, "command" none.
 
     Raises:
         RecordError: a record holds nothing that drives the model; or one holds the command of a control alone, where
@@ -256,18 +231,12 @@ _BEHIND = ("gain", "offset", "curved linkage")
 
 @dataclass(frozen=True)
 class SurfacePath:
-    """The path of one control whose surface is recorded.
+    """The path of one control whose surface is recorded."""
 
-    Attributes:
-        control: "de", "da" or "dr".
-        why: why it is not seen; "" if it is.
-        probability: that something of it is among what the model lacks.
-        believed, nearest: rms that the believed model, and what comes nearest, leave of the surface, over its noise.
-    """
-
-    control: str
-    why: str = ""
-    probability: float = 0.0
+    control: str  # "de", "da" or "dr"
+    why: str = ""  # why it is not seen; "" if it is
+    probability: float = 0.0  # that something of it is among what the model lacks
+    # believed, nearest: rms that the believed model, and what comes nearest, leave of the surface, over its noise
     believed: float = 1.0
     nearest: float = 1.0
 
@@ -298,17 +267,7 @@ class SurfacePath:
 def paths_seen(
     believed: Believed, nearest: Believed, naming: Naming, records: Sequence[FlightRecord]
 ) -> tuple[SurfacePath, ...]:
-    """Return what was found of the path of every surface that is compared.
-
-    Args:
-        believed: model, re-tuned or not.
-        nearest: the same with what was named.
-        naming: the explanations.
-        records: measured, that they were weighed by.
-
-    Raises:
-        FlightAborted, LimitError: a model cannot fly the measured commands.
-    """
+    """Return what was found of the path of every surface that is compared."""
     if not believed.surfaces:
         return ()
     counts = np.sum([believed.taken(r).sum(axis=0) for r in records], axis=0)

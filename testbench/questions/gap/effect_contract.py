@@ -31,16 +31,12 @@ _SAMPLES = 400
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """An effect under trial.
+    """An effect under trial."""
 
-    Attributes:
-        effect: under trial.
-        zero: values at which it vanishes; made of its parameters' ``none`` if not given.
-        true: values that are put into data; seven tenths of the usual size if not given.
-    """
-
-    effect: Effect
+    effect: Effect  # under trial
+    # values at which it vanishes; made of its parameters' ``none`` if not given
     zero: Mapping[str, float] | None = None
+    # values that are put into data; seven tenths of the usual size if not given
     true: Mapping[str, float] | None = None
 
     @cached_property
@@ -208,9 +204,5 @@ LAWS: tuple[Check, ...] = (*OF_WORDS, *OF_AIRCRAFT, it_is_found_again_in_data_th
 
 
 def tried(path: Path, attribute: str) -> Iterator[Law]:
-    """Yield every law and whether it holds, for the effect of that name in a user's file.
-
-    Raises:
-        ScenarioError: the file cannot be run, or what it names is no effect.
-    """
+    """Yield every law and whether it holds, for the effect of that name in a user's file."""
     yield from tried_on(Trial(load_effect(path, attribute)), LAWS, path)

@@ -26,6 +26,7 @@ from testbench.effects.base import Values, together
 from testbench.inference.calibrate import CREDIBLE, SURE, fewest
 from testbench.inference.evidence import Comparison
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.parts import part_names
 from testbench.questions.gap.priors import LATERAL_PRIORS
 from testbench.sensors import SensorSuite
@@ -38,7 +39,6 @@ P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.0
 P_ONSET = 0.1  # that what is missing does not act in all of the records, but begins or ends in flight
 P_IMITATED = 0.5  # that something which the library lacks is imitated, better than by an unknown motion alone
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
-VISIBLE = 4.0  # standard deviations of the noise's chi-square by which an excess is shared out
 SAID = 0.01  # probability from which an explanation is spoken of
 _TOLD, _SURE = 4, 0.9999  # explanations, while others are sought, none of which is told to be more probable
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
@@ -76,32 +76,20 @@ def wrong_coefficient(*names: str) -> Effect:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """One explanation at its best point.
+    """One explanation at its best point."""
 
-    Attributes:
-        effect: what the model lacks; of a wrong coefficient, see :func:`wrong_coefficient`.
-        values, errors: parameter -> estimate and standard error, all else being unknown.
-        nuisances: coefficient -> factor on what is believed, re-tuned beside it.
-        spread: coefficient -> standard error of the factor.
-        chi2: weighted sum of squares that it leaves as flown, and the price of the coefficients.
-        gain: fall of ``chi2`` against the believed model with its coefficients re-tuned.
-        share: share of the excess over the noise that it explains, 0 to 1; NaN if there hardly is one.
-        probability: that it is the whole story.
-        imitates: probability that something which the library lacks does nearly this.
-        kappa: share of the motion that an unknown motion still needs beside it.
-    """
-
-    effect: Effect
+    effect: Effect  #: what the model lacks; of a wrong coefficient, see :func:`wrong_coefficient`
+    #: values, errors: parameter -> estimate and standard error, all else being unknown
     values: Mapping[str, float]
     errors: Mapping[str, float]
-    nuisances: Mapping[str, float]
-    spread: Mapping[str, float]
-    chi2: float
-    gain: float
-    share: float
-    probability: float
-    imitates: float
-    kappa: float
+    nuisances: Mapping[str, float]  #: coefficient -> factor on what is believed, re-tuned beside it
+    spread: Mapping[str, float]  #: coefficient -> standard error of the factor
+    chi2: float  #: weighted sum of squares that it leaves as flown, and the price of the coefficients
+    gain: float  #: fall of ``chi2`` against the believed model with its coefficients re-tuned
+    share: float  #: share of the excess over the noise that it explains, 0 to 1; NaN if there hardly is one
+    probability: float  #: that it is the whole story
+    imitates: float  #: probability that something which the library lacks does nearly this
+    kappa: float  #: share of the motion that an unknown motion still needs beside it
 
     def added_to(self, believed: Believed) -> Believed:
         """Return ``believed`` re-tuned and with the effect, as they were fitted."""
@@ -127,23 +115,15 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Probabilities of all explanations, together 1.
+    """Probabilities of all explanations, together 1."""
 
-    Attributes:
-        logs: hypothesis, "nothing" among them -> ln p of the records if it is the whole story, and if it is a part.
-        effects: what the other hypotheses say, by name.
-        seen: number of effects that were sought, which share the prior.
-        coefficients: number of coefficients that may be wrong, likewise.
-        tried: number of terms that forces might follow, likewise.
-        terms: names of the hypotheses that are such terms.
-    """
-
+    #: hypothesis, "nothing" among them -> ln p of the records if it is the whole story, and if it is a part
     logs: Mapping[str, tuple[float, float]]
-    effects: Mapping[str, Effect]
-    seen: int
-    coefficients: int
-    tried: int = 1
-    terms: tuple[str, ...] = ()
+    effects: Mapping[str, Effect]  #: what the other hypotheses say, by name
+    seen: int  #: number of effects that were sought, which share the prior
+    coefficients: int  #: number of coefficients that may be wrong, likewise
+    tried: int = 1  #: number of terms that forces might follow, likewise
+    terms: tuple[str, ...] = ()  #: names of the hypotheses that are such terms
 
     def _prior(self, name: str) -> tuple[float, float]:
         """Return the prior of an explanation as the whole story, and how many share that of imitation."""
@@ -224,9 +204,9 @@ class Weights:
         """Explanation -> probability: each that was weighed as the whole story, "nothing" and "unknown"."""
         return {name: self[name] for name in self.effects} | {"nothing": self.nothing, "unknown": self.unknown}
 
-    def credible(self, probability: float = CREDIBLE) -> tuple[str, ...]:
-        """Return the fewest explanations that hold so much probability together: effects, "nothing", "unknown"."""
-        return fewest(self.stated, probability)
+    def credible(self) -> tuple[str, ...]:
+        """Return the fewest explanations that hold 95 % together: effects, "nothing", "unknown"."""
+        return fewest(self.stated)
 
     def decide(self) -> tuple[str, tuple[str, ...]]:
         """Return outcome and names, see :class:`Naming`: what is most probable, of nothing, the library and neither."""
@@ -265,12 +245,7 @@ class Weighed(Weights):
 
 
 def told(logs: Mapping[str, float], how: str) -> str:
-    """Return what is probable so far, while others are sought: "weighed: symmetric wing bending 99.3 %; ...".
-
-    Args:
-        logs: what is told -> ln of its probability, up to a number that all have in common.
-        how: before the colon.
-    """
+    """Return what is probable so far, while others are sought: "weighed: symmetric wing bending 99.3 %; ..."."""
     total = float(logsumexp(list(logs.values()))) if logs else 0.0
     first = sorted(logs.items(), key=lambda item: -item[1])[:_TOLD]
     return f"{how}: " + "; ".join(f"{name} {100.0 * min(math.exp(log - total), _SURE):.2f} %" for name, log in first)
@@ -285,35 +260,22 @@ def percent(p: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Naming:
-    """What was named.
+    """What was named."""
 
-    Attributes:
-        outcome: "no gap"; "named"; "set": one of several, which are not told apart; "partial": something that the
-            library lacks, which an effect imitates; "unexplained": something that nothing imitates.
-        names: the named explanation, or the set, the most probable first; empty otherwise. Two effects at once are one
-            name, "A + B".
-        ranking: all explanations that were flown, the most probable first.
-        weighed: their probabilities.
-        chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
-        chi2_tuned: the same after re-tuning the nuisances within their priors.
-        nuisances: nuisance -> value of that re-tuning.
-        samples: number of samples in those sums.
-        rejected: effect that was not flown -> why.
-        terms: of the open set that come nearest to first order, the most probable first.
-        acting: samples (n,) of each record, of several places -> of each, effect -> ln p to first order if it acts
-            there alone.
-    """
-
+    #: "no gap"; "named"; "set": one of several, which are not told apart; "partial": something that the library lacks,
+    #: which an effect imitates; "unexplained": something that nothing imitates
     outcome: str
+    #: the named explanation, or the set, the most probable first; empty otherwise; two effects at once are "A + B"
     names: tuple[str, ...]
-    ranking: tuple[Explanation, ...]
-    weighed: Weighed
-    chi2_believed: float
-    chi2_tuned: float
-    nuisances: Mapping[str, float]
-    samples: int
-    rejected: Mapping[str, str] = field(default_factory=dict)
-    terms: tuple[OpenTerm, ...] = ()
+    ranking: tuple[Explanation, ...]  #: all explanations that were flown, the most probable first
+    weighed: Weighed  #: their probabilities
+    chi2_believed: float  #: weighted sum of squares of the believed model, nothing re-tuned
+    chi2_tuned: float  #: the same after re-tuning the nuisances within their priors
+    nuisances: Mapping[str, float]  #: nuisance -> value of that re-tuning
+    samples: int  #: number of samples in those sums
+    rejected: Mapping[str, str] = field(default_factory=dict)  #: effect that was not flown -> why
+    terms: tuple[OpenTerm, ...] = ()  #: of the open set that come nearest to first order, the most probable first
+    #: samples (n,) of each record, of several places -> of each, effect -> ln p to first order if it acts there alone
     acting: Callable[[Sequence[Sequence[NDArray[np.bool_]]]], list[dict[str, float]]] | None = None
 
     @property
@@ -417,6 +379,6 @@ def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
     NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
     """
     excess = chi2_tuned - samples
-    if not excess > VISIBLE * np.sqrt(2.0 * samples):
+    if not excess > CRITERIA.visible * np.sqrt(2.0 * samples):
         return float("nan")
     return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))

@@ -83,14 +83,8 @@ def aircraft_files(
     servos of second order, memories of the flow and elastic modes count frames. Equations of elastic modes are made for
     ``condition``. With aircraft.toml the folder is an aircraft of the testbench; a foreign model gets none, and has to
     be told what the adapter tells it. If there are modes, aircraft.toml lists them and names airframe.xml. That model
-    lacks their equations, as these are written anew for every rate and condition.
-
-    Args:
-        aircraft: the amended aircraft.
-        name: of the model.
-        rate_hz: frame rate.
-        condition: that the elastic equations are made for.
-        home: folder that it was made from, or its name in aircraft_models/; ``name`` if not given.
+    lacks their equations, as these are written anew for every rate and condition. ``home`` is the folder that it was
+    made from, or its name in aircraft_models/; ``name`` if not given.
     """
     modes = aircraft.flown_modes()
     note = f"<!-- Made for {rate_hz:g} frames a second: delays and filters in it count frames. -->\n"

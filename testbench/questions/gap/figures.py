@@ -42,7 +42,6 @@ from testbench.questions.gap.explain import percent
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
     from testbench.questions.gap.ask import GapResult
-    from testbench.questions.gap.evidence.locate import ResidualMap
     from testbench.questions.gap.plan import GapPlan
     from testbench.questions.gap.result import Shrink, Verdict
 
@@ -101,8 +100,7 @@ def _confusion_plate(plan: GapPlan) -> Plate:
 
 # --- where to look ----------------------------------------------------------------------------------------------------
 
-Outline = tuple[Sequence[float], Sequence[float]]
-"""x and y of its corners."""
+Outline = tuple[Sequence[float], Sequence[float]]  # x and y of its corners
 
 
 def _box(x: float, y: float, dx: float, dy: float) -> Outline:
@@ -156,7 +154,8 @@ def part_plate(verdict: Verdict) -> Plate | None:
     panels = []
     for k, (outlines, title, height) in enumerate(sketches):
         draws: list[Drawn] = [Area(outlines=outlines, colour=FAINT, edge=QUIET)]
-        marked = [o for part in verdict.parts for o in _region(part.name)[k]]
+        sensors = {part.name: _NOSE for part in verdict.parts if part.name.endswith("sensor")}  # or a vane beside it
+        marked = [o for part in verdict.parts for o in {**sensors, **_REGIONS}.get(part.name, ((), ()))[k]]
         draws.append(Area(outlines=marked, colour=_MARK, edge=_MARK, width=1.0, order=2.0))
         if any(part.name == "air" for part in verdict.parts):  # three gusts ahead of the nose
             x = np.linspace(-0.32, -0.08, 40)
@@ -165,13 +164,6 @@ def part_plate(verdict: Verdict) -> Plate | None:
         panels.append(Panel(draws=draws, title=title, bare=True, x_range=(-0.35, 1.1), y_range=height, tall_in=1.9))
     caption = f"A sketch, not this aircraft. Filled: {verdict.where}. Probability: {percent(verdict.probability)}."
     return Plate("part", "Where to look", caption, Chart([panels], narrow=2))
-
-
-def _region(name: str) -> tuple[tuple[Outline, ...], tuple[Outline, ...]]:
-    """Return the outlines of a part from above and from the side; a sensor sits in the nose, a vane beside it."""
-    if name in _REGIONS:
-        return _REGIONS[name]
-    return _NOSE if name.endswith("sensor") else ((), ())
 
 
 # --- what was found ---------------------------------------------------------------------------------------------------
@@ -266,21 +258,20 @@ def _region_plate(result: GapResult) -> Plate:
 
 def _map_plate(result: GapResult) -> Plate:
     """Return two maps per manoeuvre: by frequency band and by time."""
-    maps = [_maps(m) for m in result.finding.maps]
+    bands = [(k, f"{low:g}–{high:g}") for k, (low, high) in enumerate(BANDS_HZ)]
+    maps = [
+        [
+            Panel(title=m.manoeuvre, x="frequency, Hz", x_ticks=bands, **_energy(m.channels, m.by_band)),
+            Panel(x=f"t, windows of {m.window_s:g} s", whole="x", broad=1.6, **_energy(m.channels, m.by_time)),
+        ]
+        for m in result.finding.maps
+    ]
     caption = (
         "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres of the search: each "
         "channel over frequency bands and over time. The left end of the colour bar is noise, the right end is "
         "unexplained by the model."
     )
     return Plate("residual_maps", "Residual by channel, frequency and time", caption, Chart(maps))
-
-
-def _maps(m: ResidualMap) -> list[Panel]:
-    bands = [(k, f"{low:g}–{high:g}") for k, (low, high) in enumerate(BANDS_HZ)]
-    return [
-        Panel(title=m.manoeuvre, x="frequency, Hz", x_ticks=bands, **_energy(m.channels, m.by_band)),
-        Panel(x=f"t, windows of {m.window_s:g} s", whole="x", broad=1.6, **_energy(m.channels, m.by_time)),
-    ]
 
 
 def _lacking_plate(result: GapResult) -> Plate:

@@ -35,21 +35,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Flyer:
-    """What trim, linearisation and flight depend on: hypotheses that differ in their sensors alone share them.
+    """What trim, linearisation and flight depend on: hypotheses that differ in their sensors alone share them."""
 
-    Attributes:
-        aircraft: what flies.
-        contents: all that makes it differ from another.
-        condition: of its trim.
-        rate_hz: frame rate.
-        simulator: "jsbsim" flies nothing in batches.
-    """
-
-    aircraft: Aircraft = field(compare=False)
-    contents: tuple[object, ...]
-    condition: FlightCondition
-    rate_hz: float
-    simulator: Simulator
+    aircraft: Aircraft = field(compare=False)  # what flies
+    contents: tuple[object, ...]  # all that makes it differ from another
+    condition: FlightCondition  # of its trim
+    rate_hz: float  # frame rate
+    simulator: Simulator  # "jsbsim" flies nothing in batches
 
     def __hash__(self) -> int:
         return self._hash
@@ -81,25 +73,15 @@ class Flyer:
 
 @dataclass(frozen=True)
 class Wanted:
-    """One flight that is wanted.
+    """One flight that is wanted."""
 
-    Attributes:
-        flyer: what flies.
-        controls: m that are commanded.
-        held: bytes of an array (frames, m) of commands, as deviations from trim.
-        log_rate_hz: of the record.
-        channels: that are logged; all if None.
-        air: flown through; still if None.
-        start: how far from trim it begins; at trim if None.
-    """
-
-    flyer: Flyer
-    controls: tuple[str, ...]
-    held: bytes
-    log_rate_hz: float
-    channels: tuple[str, ...] | None
-    air: Air | None
-    start: Start | None = None
+    flyer: Flyer  # what flies
+    controls: tuple[str, ...]  # m that are commanded
+    held: bytes  # bytes of an array (frames, m) of commands, as deviations from trim
+    log_rate_hz: float  # of the record
+    channels: tuple[str, ...] | None  # that are logged; all if None
+    air: Air | None  # flown through; still if None
+    start: Start | None = None  # how far from trim it begins; at trim if None
 
     def __hash__(self) -> int:
         return self._hash
@@ -140,11 +122,7 @@ def linear_models(flyers: Sequence[Flyer]) -> list[LinearModel | Refusal]:
 def linear_along(
     flyer: Flyer, flown: FlightRecord, states: Sequence[str]
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """Return the linear models about every sample of a flight, see :func:`testbench.flight.linearise_along`.
-
-    Raises:
-        TrimError: it has no trim.
-    """
+    """Return the linear models about every sample of a flight, see :func:`testbench.flight.linearise_along`."""
     return linearise_flight(flyer.aircraft, made(trims([flyer])[0]), flown, states, flyer.simulator)
 
 
@@ -154,11 +132,7 @@ def flights(wanted: Sequence[Wanted]) -> list[FlightRecord | Refusal]:
 
 
 def made(found: T | Refusal) -> T:
-    """Return what was made.
-
-    Raises:
-        TestbenchError: it could not be made.
-    """
+    """Return what was made."""
     if isinstance(found, Refusal):
         raise found.with_traceback(None)
     return found

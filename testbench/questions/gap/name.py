@@ -15,8 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.errors import LimitError, ModelError, TrimError
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
 from testbench.effects.base import SIZE, together
@@ -30,7 +29,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.explain import Explanation, Naming, Weighed, share_of_excess, told, wrong_coefficient
 from testbench.questions.gap.open_set import OpenTerm, rank_terms
 from testbench.questions.gap.search.gust_search import sought
-from testbench.questions.gap.search.point import Point, changes, fly_together, retune
+from testbench.questions.gap.search.point import NOT_FLOWN, Point, changes, fly_together, retune
 from testbench.questions.gap.starts import far_apart, times_of
 
 WIDE = 10.0  # the same of a coefficient that is wrong, in multiples of that of its prior
@@ -44,40 +43,30 @@ NEEDS = 0.1  # probability of something unknown from which another is sought bes
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
 ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
-_NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
 @dataclass(frozen=True)
 class Sought:
-    """All that is weighed as an explanation, and what is known beside the records.
+    """All that is weighed as an explanation, and what is known beside the records."""
 
-    Attributes:
-        effects: the library, by name; that of the suite if not given.
-        further: effects that are sought only in a place where one of the library comes near.
-        open_terms: terms that no effect of the library holds are weighed, too (:mod:`.open_set`).
-        source: where the noise of the sensors comes from.
-        pairs: where one effect does not explain all, two at once are tried, or three.
-        held_out: measured records that judge.
-        elsewhere: (believed, comparison) -> whether what is missing may act in a part of the flights alone, so that no
-            second effect is sought where the library lacks something more probably than not (``ELSEWHERE``).
-        terms: of the open set that an earlier search flew, and of how many they were chosen.
-        near: effects that an earlier search flew: they are flown again, and no others are looked for beside none.
-        rested: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest:
-            its fit begins there.
-        keeper: of fits that are at rest, for a search that is interrupted.
-    """
-
-    effects: Mapping[str, Effect] | None = None
+    effects: Mapping[str, Effect] | None = None  #: the library, by name; that of the suite if not given
+    #: effects that are sought only in a place where one of the library comes near
     further: Mapping[str, Effect] = field(default_factory=dict)
-    open_terms: bool = False
-    source: Source = "simulated"
-    pairs: bool = True
-    held_out: Sequence[FlightRecord] = ()
+    open_terms: bool = False  #: terms that no effect of the library holds are weighed, too (:mod:`.open_set`)
+    source: Source = "simulated"  #: where the noise of the sensors comes from
+    pairs: bool = True  #: where one effect does not explain all, two at once are tried, or three
+    held_out: Sequence[FlightRecord] = ()  #: measured records that judge
+    #: (believed, comparison) -> whether what is missing may act in a part of the flights alone, so that no second
+    #: effect is sought where the library lacks something more probably than not (``ELSEWHERE``)
     elsewhere: Callable[[Believed, Comparison], bool] = lambda believed, table: False
+    #: of the open set that an earlier search flew, and of how many they were chosen
     terms: tuple[tuple[OpenTerm, ...], int] = ((), 1)
+    #: effects that an earlier search flew: they are flown again, and no others are looked for beside none
     near: Sequence[str] = ()
+    #: hypothesis -> its parameters where an earlier search, in other air or from other starts, came to rest: its fit
+    #: begins there
     rested: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    keeper: Keeper | None = None
+    keeper: Keeper | None = None  #: of fits that are at rest, for a search that is interrupted
 
 
 def name_effect(
@@ -86,17 +75,7 @@ def name_effect(
     what: Sought | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Naming:
-    """Weigh all that the library explains of ``records``, and name what is probable.
-
-    Args:
-        believed: aircraft, sensors and condition as believed.
-        records: measured records.
-        what: is weighed; the library alone if not given.
-        progress: called with a few words as each stage begins.
-
-    Raises:
-        FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
-    """
+    """Weigh all that the library explains of ``records``, or ``what`` says, and name what is probable."""
     say, what = progress or (lambda text: None), what or Sought()
     for record in records:
         believed.check_commands(record)
@@ -191,11 +170,7 @@ def name_effect(
 
 
 def nearest(believed: Believed, records: Sequence[FlightRecord], effects: Sequence[Effect]) -> float:
-    """Return what the effect that comes nearest to records gains in ln p, to first order.
-
-    Raises:
-        FlightAborted, TrimError, LimitError: the believed aircraft does not survive the measured commands.
-    """
+    """Return what the effect that comes nearest to records gains in ln p, to first order."""
     near = _Asker(believed, tuple(records), "measured").near(effects)
     return near[0].gain if near else -np.inf
 
@@ -285,12 +260,6 @@ class _Asker:
             slopes = [(id(record), T * self.believed.noise_std[:, None]) for record, T in of]
             out.append({i: {name: T[:, :, k] for k, name in enumerate(base.priors)} for i, T in slopes})
         return out
-
-    def _tangents_at(self, begin: Mapping[str, float]) -> dict[int, dict[str, FloatArray]]:
-        """Return the tangents about the base that lies nearest to where a fit begins."""
-        at = self.tuned.vector(begin)
-        far = [float(np.sum(((b.vector(b.by_name) - at) / b.prior_std) ** 2)) for b in self.bases]
-        return self.tangents[int(np.argmin(far))]
 
     @cached_property
     def noise(self) -> Noise:
@@ -421,10 +390,8 @@ class _Asker:
     ) -> list[dict[str, float]]:
         """Return of each place effect -> ln p, to first order, if it acts there alone, the most probable first.
 
-        Args:
-            effects: that are seen.
-            places: samples (n,) of each record. What an effect did before it began, or does after it ended, is left
-                out: a servo or a motion that comes to rest.
+        A place are samples (n,) of each record. What an effect did before it began, or does after it ended, is left
+        out: a servo or a motion that comes to rest.
         """
         base, known = self.tuned, self._signatures(effects)
         seen = [(e.name, c) for e in effects for _, c in known[e.name]]
@@ -452,11 +419,7 @@ class _Asker:
         return out
 
     def open_terms(self) -> tuple[tuple[OpenTerm, ...], int]:
-        """Return the terms of the open set that the aircraft can have, the most probable first, and how many there are.
-
-        Raises:
-            FlightAborted, LimitError: the re-tuned model does not survive the measured commands.
-        """
+        """Return the terms of the open set that the aircraft can have, the most probable first, and their number."""
 
         def weigh(columns: FloatArray) -> list[FirstOrder]:
             sizes = np.ones(columns.shape[1])
@@ -518,7 +481,7 @@ class _Asker:
         for k, begin in enumerate(begins):
             try:
                 asked = self._asked(effect.name, (*self.coefficients, *sizes), begin, flown, effect.form_error)
-            except _NOT_FLOWN:
+            except NOT_FLOWN:
                 continue
             if self._flies(asked):
                 return replace(asked, more=begins[k + 1 :])
@@ -584,7 +547,9 @@ class _Asker:
             return model.with_nuisances({n: values[n] for n in priors})
 
         first = {p.name: begin.get(p.name, p.value) for p in parameters}
-        tangents = self._tangents_at(first)
+        at = self.tuned.vector(first)
+        far = [float(np.sum(((b.nuisances - at) / b.prior_std) ** 2)) for b in self.bases]
+        tangents = self.tangents[int(np.argmin(far))]  # of the base that lies nearest to where the fit begins
         if starts is None:
             there = tuned(flown(first), first)
             fly_together([there], self.records)
@@ -603,7 +568,7 @@ class _Asker:
         def begun(values: Mapping[str, float]) -> Hypothesis | None:
             try:
                 better = model(values).better_starts(self.records)
-            except _NOT_FLOWN:  # a fit may end where it cannot fly
+            except NOT_FLOWN:  # a fit may end where it cannot fly
                 return None
             return self._asked(name, parameters, values, flown, form_error, better) if better else None
 
@@ -626,7 +591,7 @@ class _Asker:
         outputs = self.believed.outputs
         try:
             return np.asarray(record.columns(outputs) - model.residuals(record) * self.believed.noise_std)
-        except _NOT_FLOWN:
+        except NOT_FLOWN:
             return np.full((len(record), len(outputs)), np.nan)
 
     def named(self, weighed: Weighed, rejected: Mapping[str, str], terms: tuple[OpenTerm, ...]) -> Naming:
@@ -645,22 +610,9 @@ class _Asker:
         nothing, samples = min(left["nothing"], self.start.chi2), self.tuned.samples
         fits = []
         for name, effect in weighed.effects.items():
-            values, errors, nuisances, spread = at[name]
-            fits.append(
-                Explanation(
-                    effect,
-                    values,
-                    errors,
-                    nuisances,
-                    spread,
-                    left[name],
-                    max(nothing - left[name], 0.0),
-                    share_of_excess(nothing, left[name], samples),
-                    weighed[name],
-                    weighed.imitates(name),
-                    rows[name].posterior.kappa,
-                )
-            )
+            gain, share = max(nothing - left[name], 0.0), share_of_excess(nothing, left[name], samples)
+            whole, imitates, kappa = weighed[name], weighed.imitates(name), rows[name].posterior.kappa
+            fits.append(Explanation(effect, *at[name], left[name], gain, share, whole, imitates, kappa))
         outcome, names = weighed.decide()
         ranking = tuple(sorted(fits, key=lambda f: (-f.probability, -rows[f.effect.name].log_evidence)))
         nuisances = at["nothing"][2]
@@ -676,13 +628,9 @@ def _split(
     own = {} if effect is None else {p.name: at.pop(f"{effect.name}.{p.name}") for p in effect.parameters}
     scales = () if effect is None else [p.name for p in effect.parameters if is_scale(p)]
     own |= {n: (float(np.exp(own[n][0])), float(np.exp(own[n][0])) * own[n][1]) for n in scales}
-    beside = at
-    return (
-        {n: v for n, (v, _) in own.items()},
-        {n: e for n, (_, e) in own.items()},
-        {n: v for n, (v, _) in beside.items()},
-        {n: e for n, (_, e) in beside.items()},
-    )
+    values, errors = ({n: of[k] for n, of in own.items()} for k in (0, 1))
+    beside, spread = ({n: of[k] for n, of in at.items()} for k in (0, 1))
+    return values, errors, beside, spread
 
 
 def unknown_motion(believed: Believed, record: FlightRecord, deflections: bool = True) -> FloatArray:

@@ -31,29 +31,19 @@ from testbench.questions.gap.windows import begin_freely, begin_from, part_of
 
 KNOWN = 0.1  # share of the priors of a start that remains where the flight before tells it
 _ROUNDS = 4  # in which time and coefficients are found in turn
-LATER = "_later"
-"""End of the name of an effect that acts in some records alone."""
+LATER = "_later"  # end of the name of an effect that acts in some records alone
 
 
 @dataclass(frozen=True)
 class Begun:
-    """What begins, or ends, in flight.
+    """What begins, or ends, in flight."""
 
-    Attributes:
-        record: name of the record in which it does; "" if it acts throughout some of them.
-        at_s: time there.
-        ends: whether it ends there.
-        probability: that it does not act in all of them, if anything is missing.
-        shown: names of the records, parts of them included, that it acts in.
-        places: number of times and records that were compared.
-    """
-
-    record: str
-    at_s: float
-    ends: bool
-    probability: float
-    shown: tuple[str, ...]
-    places: int
+    record: str  # name of the record in which it does; "" if it acts throughout some of them
+    at_s: float  # time there
+    ends: bool  # whether it ends there
+    probability: float  # that it does not act in all of them, if anything is missing
+    shown: tuple[str, ...]  # names of the records, parts of them included, that it acts in
+    places: int  # number of times and records that were compared
 
     @property
     def when(self) -> str:
@@ -71,16 +61,7 @@ class Begun:
 
 
 def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Comparison) -> list[Begun]:
-    """Return where what is missing may begin or end, by an unknown motion alone, the most probable first.
-
-    Args:
-        believed: in the air that was found.
-        records: by name.
-        table: of what acts in all of them, whose noise is taken.
-
-    Raises:
-        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly the commands.
-    """
+    """Return where what is missing may begin or end, by an unknown motion alone, the most probable first."""
     names, flown = list(records), tuple(records.values())
     # Coefficients as they are where an unknown motion does what is missing: re-tuned without it, they would do it.
     nuisances: Mapping[str, float] = table["nothing"].posterior.by_name
@@ -98,7 +79,17 @@ def seek(believed: Believed, records: Mapping[str, FlightRecord], table: Compari
         if before and before[0].place == found[0].place:
             break
         nuisances = point.named(point.towards(point.nuisances + found[0].step))
-    return [_begun(names, records, o) for o in found if o.places > 1]
+    out = []
+    for onset in (o for o in found if o.places > 1):
+        shown = [n for i, (n, s) in enumerate(zip(names, onset.shows, strict=True)) if s and i != onset.record]
+        begun = Begun("", 0.0, False, onset.probability, tuple(shown), onset.places)
+        if onset.record >= 0:
+            name = names[onset.record]
+            at_s = float(records[name].t_s[onset.sample] - records[name].t_s[0])
+            begun = replace(begun, record=name, at_s=at_s, ends=onset.ends)
+            begun = replace(begun, shown=(*shown, _names(begun)[0 if onset.ends else 1]))
+        out.append(begun)
+    return out
 
 
 def samples(records: Mapping[str, FlightRecord], begun: Begun) -> list[NDArray[np.bool_]]:
@@ -109,16 +100,6 @@ def samples(records: Mapping[str, FlightRecord], begun: Begun) -> list[NDArray[n
         whole = np.full(len(record), name in begun.shown)
         out.append(whole if name != begun.record else ~later if begun.ends else later)
     return out
-
-
-def _begun(names: Sequence[str], records: Mapping[str, FlightRecord], found: Onset) -> Begun:
-    shown = [n for i, (n, s) in enumerate(zip(names, found.shows, strict=True)) if s and i != found.record]
-    if found.record < 0:
-        return Begun("", 0.0, False, found.probability, tuple(shown), found.places)
-    name = names[found.record]
-    at_s = float(records[name].t_s[found.sample] - records[name].t_s[0])
-    out = Begun(name, at_s, found.ends, found.probability, (), found.places)
-    return replace(out, shown=(*shown, _names(out)[0 if found.ends else 1]))
 
 
 def _pulses(believed: Believed, record: FlightRecord) -> tuple[FloatArray, list[int]]:
@@ -145,14 +126,8 @@ def begin_there(
     """Return the belief with the starts of what lies before and after the cut.
 
     Where something begins, the flight before it tells where what follows does; where something ends, the readings do,
-    as in windows. What comes before begins at trim, or is a window, too.
-
-    Args:
-        believed: whose starts they become.
-        records: as divided.
-        begun: where they were.
-        whole: the record that was cut.
-        along: model without what begins, that fits the rest.
+    as in windows. What comes before begins at trim, or is a window, too. ``along`` is a model without what begins, that
+    fits the rest.
     """
     before, after = (records[n] for n in _names(begun))
     if begun.ends:

@@ -31,6 +31,7 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects.aerodynamics import followed
 from testbench.effects.base import SIZE, Effect, Parameter, Values
+from testbench.effects.servo import CONTROLS, WORDS
 from testbench.inference.first_order import FirstOrder
 from testbench.inference.unknown import forced, rms_acceleration
 from testbench.questions.gap.believed import Believed
@@ -49,6 +50,7 @@ PLACES = {
 }
 _LATERAL_COEFFICIENTS = ("CY", "Cl", "Cn")
 _WORDS = {
+    **WORDS,
     "alpha": "angle of attack",
     "beta": "sideslip",
     "p": "roll rate",
@@ -56,27 +58,17 @@ _WORDS = {
     "r": "yaw rate",
     "alphadot": "alpha-dot",
     "V": "airspeed",
-    "de": "elevator",
-    "da": "aileron",
-    "dr": "rudder",
-    "thr": "throttle",
     TIME: "time",
 }
 _MISTAKEN = {
+    **{c: f"the {word}'s effectiveness, linkage or servo" for c, word in WORDS.items()},
     "thr": "thrust, its line, or the wash of the propeller",
-    "de": "the elevator's effectiveness, linkage or servo",
-    "da": "the aileron's effectiveness, linkage or servo",
-    "dr": "the rudder's effectiveness, linkage or servo",
-    "alpha": "a vane whose scale bends",
-    "beta": "a vane whose scale bends",
+    **dict.fromkeys(("alpha", "beta"), "a vane whose scale bends"),
     "V": "an airspeed error",
-    "p": "a damper or a gyro error",
-    "q": "a damper or a gyro error",
-    "r": "a damper or a gyro error",
+    **dict.fromkeys(("p", "q", "r"), "a damper or a gyro error"),
     "alphadot": "a lag of the downwash, or a damper",
     TIME: "fuel that burns, a battery that empties or a sensor that drifts",
 }
-_CONTROLS = ("de", "da", "dr", "thr")
 _LONGITUDINAL = ("alpha", "q", "alphadot", "V", "de", "thr")
 _LATERAL = ("beta", "p", "r", "da", "dr")
 _CUBED = ("alpha", "beta", "de", "da", "dr")
@@ -138,23 +130,14 @@ class Term:
 
 @dataclass(frozen=True)
 class OpenTerm:
-    """A term of a coefficient with what records say of it to first order.
+    """A term of a coefficient with what records say of it to first order."""
 
-    Attributes:
-        coefficient: which.
-        term: which.
-        size: most probable multiple of the term that is added to the coefficient.
-        usual: prior standard deviation of that: as large an acceleration as there is in the motion.
-        log: ln p of the records with it, to first order.
-        gain: ``log`` less that without any term.
-    """
-
-    coefficient: str
-    term: Term
-    size: float
-    usual: float
-    log: float
-    gain: float
+    coefficient: str  #: which
+    term: Term  #: which
+    size: float  #: most probable multiple of the term that is added to the coefficient
+    usual: float  #: prior standard deviation of that: as large an acceleration as there is in the motion
+    log: float  #: ln p of the records with it, to first order
+    gain: float  #: ``log`` less that without any term
 
     @property
     def name(self) -> str:
@@ -168,13 +151,8 @@ class OpenTerm:
 
 
 def vocabulary(lateral: bool, controls: frozenset[str]) -> tuple[Term, ...]:
-    """Return the terms.
-
-    Args:
-        lateral: whether lateral motion was recorded.
-        controls: those that the aircraft has and a record moves.
-    """
-    known = [n for n in (*_LONGITUDINAL, *(_LATERAL if lateral else ())) if n not in _CONTROLS or n in controls]
+    """Return the terms of motion, of lateral motion if that was recorded, and of controls that a record moves."""
+    known = [n for n in (*_LONGITUDINAL, *(_LATERAL if lateral else ())) if n not in CONTROLS or n in controls]
     plain = {n: Factor(n) for n in known}
     size = {n: Factor(n, True) for n in known if n in _LATERAL}
     terms = [Term((plain[n],)) for n in known]
@@ -184,7 +162,7 @@ def vocabulary(lateral: bool, controls: frozenset[str]) -> tuple[Term, ...]:
     ]
     terms += [Term((plain[n], f)) for n, f in size.items()]
     terms += [Term((plain[n],) * 3) for n in known if n in _CUBED]
-    terms += [Term((Factor(n, lag_s=lag),)) for n in known if n in _CONTROLS for lag in _LAGS_S]
+    terms += [Term((Factor(n, lag_s=lag),)) for n in known if n in CONTROLS for lag in _LAGS_S]
     return (*terms, Term((Factor(TIME),)))
 
 
@@ -192,16 +170,12 @@ def along(believed: Believed, record: FlightRecord) -> dict[str, FloatArray]:
     """Return quantity -> its values at trim and then along the flight of a record, (1 + n,)."""
     there, flown = believed.at(record), believed.flown(record)
     state, geometry = there.trimmed.state, there.aircraft.geometry
-    surfaces = [n for n in _CONTROLS if n in flown and n in state]
+    surfaces = [n for n in CONTROLS if n in flown and n in state]
     moved = {n: _seen(record, n, flown[n]) for n in _MOTION} | {n: flown[n] for n in surfaces}
     out = {n: np.concatenate([[state[n]], x]) for n, x in moved.items()}
     out["alphadot"] = np.concatenate([[0.0], np.gradient(moved["alpha"], flown.dt_s)])
-    for name, length in (
-        ("p", geometry.b_m),
-        ("r", geometry.b_m),
-        ("q", geometry.cbar_m),
-        ("alphadot", geometry.cbar_m),
-    ):
+    span, chord = geometry.b_m, geometry.cbar_m
+    for name, length in (("p", span), ("r", span), ("q", chord), ("alphadot", chord)):
         out[name] = out[name] * length / (2.0 * out["V"])
     out["V"] = out["V"] / there.aircraft.design_V_m_s - 1.0
     return out | {TIME: np.concatenate([[0.0], flown.t_s - flown.t_s[0]])}
@@ -274,13 +248,10 @@ def rank_terms(point: Point, weigh: Callable[[FloatArray], Sequence[FirstOrder]]
         point: the re-tuned model, along whose flights the terms are evaluated.
         weigh: columns (samples, h) -> what records say of h hypotheses, the prior standard deviation of whose
             multiples is 1, about one point or several.
-
-    Raises:
-        FlightAborted, LimitError: the model does not survive the measured commands.
     """
     tuned = point.model.with_nuisances(point.by_name).beginning(point.starts)
     known = [along(tuned, r) for r in point.records]
-    moved = frozenset(n for n in _CONTROLS if all(n in k for k in known) and any(np.ptp(k[n]) > 0.0 for k in known))
+    moved = frozenset(n for n in CONTROLS if all(n in k for k in known) and any(np.ptp(k[n]) > 0.0 for k in known))
     terms = vocabulary(point.lateral, moved)
     forcing = [increments(terms, k, r.dt_s) for k, r in zip(known, point.records, strict=True)]
     mean_square = np.concatenate(forcing).var(axis=0)
@@ -293,7 +264,12 @@ def rank_terms(point: Point, weigh: Callable[[FloatArray], Sequence[FirstOrder]]
             for i, t in enumerate(terms)
             if mean_square[i] > 0.0 and f"{coefficient}_{t.label}" not in point.priors  # of which the prior decides
         ]
-        usual = _usual(point, coefficient) / np.sqrt(mean_square[shown])
+        # As large an acceleration as there is in the motion of any record: an unknown motion of size 1.
+        state = _SEEN_BY[coefficient]
+        flown = [(r, point.believed.at(r)) for r in point.records]
+        units = [abs(accelerations(there, coefficient)[state]) for _, there in flown]
+        rms = [rms_acceleration(state, there.condition.V_m_s, r) for r, there in flown]
+        usual = max(a / unit for a, unit in zip(rms, units, strict=True)) / np.sqrt(mean_square[shown])
         columns = []
         for record, x in zip(point.records, forcing, strict=True):
             changes = response(point.believed, record, coefficient, x[:, shown] * usual)
@@ -308,19 +284,6 @@ def rank_terms(point: Point, weigh: Callable[[FloatArray], Sequence[FirstOrder]]
             log, size = float(logs[best[k], k]), float(sizes[best[k], k])
             out.append(OpenTerm(coefficient, terms[i], size, usual[k], log, log - alone))
     return tuple(sorted(out, key=lambda t: -t.log)), tried
-
-
-def _usual(point: Point, coefficient: str) -> float:
-    """Return the size of a coefficient that accelerates as much as there is in the motion, the largest of any record.
-
-    The same as an unknown motion of size 1 (:mod:`testbench.inference.unknown`).
-    """
-    state, out = _SEEN_BY[coefficient], []
-    for record in point.records:
-        there = point.believed.at(record)
-        unit = abs(accelerations(there, coefficient)[state])
-        out.append(rms_acceleration(state, there.condition.V_m_s, record) / unit)
-    return max(out)
 
 
 def title_of(coefficient: str, term: Term) -> str:
@@ -342,7 +305,7 @@ def effect_of(coefficient: str, term: Term, most: float, usual: float) -> Effect
         amend=partial(_amend, coefficient, term),
         mistaken_for=" or ".join(dict.fromkeys(_MISTAKEN[f.quantity] for f in term.factors)),
         separated_by=f"flights in which {', '.join(_WORDS[q] for q in sorted(term.quantities))} moves independently",
-        lateral=coefficient in ("CY", "Cl", "Cn"),
+        lateral=coefficient in _LATERAL_COEFFICIENTS,
     )
 
 
@@ -367,18 +330,14 @@ def _amend(
 
 
 def _quantity(aircraft: Aircraft, factor: Factor) -> str:
-    """Return the XML of a quantity, or of its modulus, as JSBSim has it.
-
-    Raises:
-        ModelError: the aircraft has no such control.
-    """
+    """Return the XML of a quantity, or of its modulus, as JSBSim has it."""
     name = factor.quantity
     if name == TIME:
         term = prop("simulation/sim-time-sec")
     elif name == "V":
         relative = product(prop("velocities/vt-fps"), value(FT_M / aircraft.design_V_m_s))
         term = f"<difference> {relative} {value(1.0)} </difference>"
-    elif name in _CONTROLS:
+    elif name in CONTROLS:
         source, scale = aircraft.source_of(name)
         if source is None:
             raise ModelError(f"{aircraft.name} has no {_WORDS[name]}")

@@ -14,15 +14,10 @@ from testbench.effects import Effect
 
 @dataclass(frozen=True)
 class Part:
-    """One part.
+    """One part."""
 
-    Attributes:
-        name: as in results and in sentences.
-        ground_check: what to do on the ground, as an order.
-    """
-
-    name: str
-    ground_check: str
+    name: str  #: as in results and in sentences
+    ground_check: str  #: what to do on the ground, as an order
 
 
 _SURFACE = (

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -23,21 +23,21 @@ import numpy as np
 from testbench.core.blas import on_one_thread
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.core.errors import LimitError, TrimError, located
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.errors import located
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
 from testbench.effects import Effect, library
 from testbench.effects.base import SIZE
 from testbench.flight import load_aircraft
-from testbench.inference.calibrate import SURE, Power, Reliability, calibrate_together
+from testbench.inference.calibrate import SURE, Power, Reliability, Trial, calibrate_together
 from testbench.inference.first_order import Columns, FirstOrder, Left, Sums, sum_of
 from testbench.inference.fit import WHOLE, whole_and_part
 from testbench.inference.linear import KAPPAS, fewer
 from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.page.words import grouped
-from testbench.questions.gap.again import CUT, SEED, Kept, Reflown, sizes_of
+from testbench.questions.gap.again import CUT, SEED, Journal, Reflown, sizes_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import comparing
 from testbench.questions.gap.evidence.air import AirFound, in_air
@@ -54,12 +54,11 @@ from testbench.questions.gap.name import (
     starts_of,
     unknown_motion,
 )
-from testbench.questions.gap.search.point import Point, changes
+from testbench.questions.gap.search.point import NOT_FLOWN, Point, changes
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
-DRAWS = 900
-"""Flights that are drawn, if nothing else is said: some five of every effect."""
+DRAWS = 900  # flights that are drawn, if nothing else is said: some five of every effect
 _TOGETHER = 60
 _QUIET_S = 2.0  # before a manoeuvre that is added to records without quiet flight: that of scenarios
 # Airspeeds of manoeuvres that may be added, as shares of the planned one; how far from those flown they must be; and
@@ -68,7 +67,6 @@ _SPEEDS, _NEW_SPEED, _CLEAR = (1.25, 0.85), 0.1, 1.1
 _AT_OTHER_SPEEDS = ("elevator 3211", "rudder 3211", "aileron doublet")
 _TAKEN_FOR = 0.1  # mean probability from which an effect is said to be taken for another
 _SAID = 6  # effects that a sentence lists
-_NOT_FLOWN = (FlightAborted, LimitError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,31 +89,18 @@ class Addition:
 
 @dataclass(frozen=True, eq=False)
 class GapPlan:
-    """What would be stated of planned manoeuvres, and what adding one of a small family would change.
+    """What would be stated of planned manoeuvres, and what adding one of a small family would change."""
 
-    Attributes:
-        scenario: the scenario.
-        believed: aircraft, sensors and condition.
-        manoeuvres: names of those planned.
-        effects: the library, by name.
-        unseen: effect that these manoeuvres cannot show -> why.
-        drawn: flights that were drawn from the priors, and what was stated of them.
-        interrupted: whether more was asked for.
-        planned: what the manoeuvres give as they are planned.
-        additions: the same with one more, best first.
-        skipped: additions that the believed aircraft cannot fly, with the reason.
-    """
-
-    scenario: Scenario
-    believed: Believed
-    manoeuvres: tuple[str, ...]
-    effects: Mapping[str, Effect]
-    unseen: Mapping[str, str]
-    drawn: Reliability
-    interrupted: bool
-    planned: Addition
-    additions: tuple[Addition, ...]
-    skipped: Mapping[str, str]
+    scenario: Scenario  # the scenario
+    believed: Believed  # aircraft, sensors and condition
+    manoeuvres: tuple[str, ...]  # names of those planned
+    effects: Mapping[str, Effect]  # the library, by name
+    unseen: Mapping[str, str]  # effect that these manoeuvres cannot show -> why
+    drawn: Reliability  # flights that were drawn from the priors, and what was stated of them
+    interrupted: bool  # whether more was asked for
+    planned: Addition  # what the manoeuvres give as they are planned
+    additions: tuple[Addition, ...]  # the same with one more, best first
+    skipped: Mapping[str, str]  # additions that the believed aircraft cannot fly, with the reason
 
     @cached_property
     def power(self) -> dict[str, Power]:
@@ -125,7 +110,8 @@ class GapPlan:
 
     def title(self, name: str) -> str:
         """Return the name for people of an explanation."""
-        return self.effects[name].title if name in self.effects else _WORDS.get(name, f"a wrong {name}")
+        words = {"nothing": "nothing", "unknown": "something that the library lacks"}
+        return self.effects[name].title if name in self.effects else words.get(name, f"a wrong {name}")
 
     def taken_for(self, name: str) -> tuple[str, float]:
         """Return what a truth is most often taken for, and the probability that this was given on average."""
@@ -147,10 +133,8 @@ class GapPlan:
         if flown:
             wrong, quiet = self.drawn.false_alarms()
             out += [self.drawn.sentence(0.95), self.drawn.sentence(1.0)]
-            out.append(
-                f"in {wrong} of {quiet} flights without an effect a false statement is made with {100.0 * SURE:g} % or "
-                "more"
-            )
+            sure = f"{100.0 * SURE:g} % or more"
+            out.append(f"in {wrong} of {quiet} flights without an effect a false statement is made with {sure}")
         pairs = [(n, *self.taken_for(n)) for n in power]
         pairs = sorted((x for x in pairs if x[1] in self.effects and x[2] >= _TAKEN_FOR), key=lambda x: -x[2])
         if pairs:
@@ -161,20 +145,14 @@ class GapPlan:
             titles = [self.title(n) for n in names]
             more = f" and {len(titles) - _SAID} more" if len(titles) > _SAID else ""
             out.append(f"{', '.join(titles[:_SAID])}{more} would not be visible: {why}")
-        return (*out, *self._to_fly, *not_compared(self.believed.suite))
-
-    @property
-    def _to_fly(self) -> tuple[str, ...]:
-        if not self.additions and not self.skipped:
-            return ()
-        best = self.additions[0] if self.additions else self.planned
-        gained = [self.title(n) for n in best.named if n not in self.planned.named]
-        if len(best.named) <= len(self.planned.named) or not gained:
-            return ("none of the tried manoeuvres would allow a further effect to be named at its usual size",)
-        return (f"fly {best.words} as well: {', '.join(gained)} could then be named at the usual size",)
-
-
-_WORDS = {"nothing": "nothing", "unknown": "something that the library lacks"}
+        if self.additions or self.skipped:
+            best = self.additions[0] if self.additions else self.planned
+            gained = [self.title(n) for n in best.named if n not in self.planned.named]
+            if len(best.named) <= len(self.planned.named) or not gained:
+                out.append("none of the tried manoeuvres would allow a further effect to be named at its usual size")
+            else:
+                out.append(f"fly {best.words} as well: {', '.join(gained)} could then be named at the usual size")
+        return (*out, *not_compared(self.believed.suite))
 
 
 @on_one_thread
@@ -222,12 +200,12 @@ def plan_gap(
     skipped: dict[str, str] = {}
     interrupted = False
     try:
-        kept = Kept(file, Reflown(believed, records, air).fingerprint)
-        drawn = Reliability(tuple(kept.read()[:draws]))
+        kept = Journal(file, Reflown(believed, records, air).fingerprint)
+        drawn = Reliability(tuple(kept.rows(Trial)[:draws]))
         done, begun = len(drawn.trials), time.monotonic()
         first = done
         for found in calibrate_together(foreseen.drawn, foreseen.stated, draws, drawn.trials, _TOGETHER):
-            kept.add(found.trials[done:], done)
+            kept.write([asdict(trial) for trial in found.trials[done:]], done)
             drawn, done = found, len(found.trials)
             left_s = (time.monotonic() - begun) / max(done - first, 1) * (draws - done)
             say(f"{done} of {draws} flights drawn, {left_s:.0f} s left")
@@ -237,7 +215,7 @@ def plan_gap(
             say(f"what {spec.name} would add")
             try:
                 more = Foreseen.of(in_air(there, air), [as_record(there, spec)], few.points, few.base.priors)
-            except _NOT_FLOWN as error:
+            except NOT_FLOWN as error:
                 skipped[words] = str(error)
                 continue
             additions.append(Addition(words, few.at_usual_size(few.sums + more.sums)))
@@ -249,11 +227,7 @@ def plan_gap(
 
 
 def as_record(believed: Believed, spec: Manoeuvre) -> FlightRecord:
-    """Return what sensors without noise would read of a planned manoeuvre, flown from the believed trim.
-
-    Raises:
-        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly it.
-    """
+    """Return what sensors without noise would read of a planned manoeuvre, flown from the believed trim."""
     dt = 1.0 / believed.suite.rate_hz
     signal = build(spec.input, spec.duration_s, believed.suite.rate_hz)
     quiet = max(round(spec.settle_s / dt), round(1.0 / dt))
@@ -288,7 +262,7 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
         try:
             added = as_record(there, spec.model_copy(update={"settle_s": quiet}))
             more = Foreseen.of(there, [added], points, flown.base.priors)
-        except _NOT_FLOWN:
+        except NOT_FLOWN:
             continue
         lead = _lead(flown, flown.sums + more.sums)
         if lead > best:
@@ -398,8 +372,7 @@ KINDS = ("nothing", "effect", "nothing", "coefficient", "nothing", "effect", "un
 SIZES = 3  # of each effect that are drawn from its prior and flown
 _TRIED = 4  # times that those which cannot be flown are drawn again
 _WHOLE, _PART = (tuple(k for k in KAPPAS if (k <= WHOLE) == whole) for whole in (True, False))
-Sized = tuple[Effect, FloatArray]
-"""An effect and its parameter values (p,)."""
+Sized = tuple[Effect, FloatArray]  # an effect and its parameter values (p,)
 
 
 def usual_sizes(effects: Sequence[Effect]) -> list[Sized]:
@@ -409,18 +382,13 @@ def usual_sizes(effects: Sequence[Effect]) -> list[Sized]:
 
 @dataclass(frozen=True, eq=False)
 class Foreseen:
-    """Records and what effects change in them about the believed model.
+    """Records and what effects change in them about the believed model."""
 
-    Attributes:
-        base: the believed model in them.
-        points: (h,) whose changes the own columns are: ``usual`` sizes, then those that were drawn.
-        parts: of each record, the columns of the k coefficients, the h own ones, and again those of the coefficients,
-            each of which may be wrong.
-    """
-
-    base: Point
-    points: tuple[Sized, ...]
+    base: Point  # the believed model in them
+    points: tuple[Sized, ...]  # (h,) whose changes the own columns are: ``usual`` sizes, then those that were drawn
     usual: int
+    # of each record, the columns of the k coefficients, the h own ones, and again those of the coefficients, each of
+    # which may be wrong
     parts: tuple[Columns, ...]
 
     @classmethod
@@ -432,18 +400,7 @@ class Foreseen:
         priors: Mapping[str, float] | None = None,
         drawn: int = 0,
     ) -> Foreseen:
-        """Fly effects through records.
-
-        Args:
-            believed: aircraft, sensors and condition.
-            records: with commands and motion.
-            points: effects and their sizes; those that cannot fly, or are not sought, change nothing.
-            priors: coefficient -> relative deviation of its prior; if not given, those that the records ask for.
-            drawn: number of sizes of each effect that are drawn from its prior and flown, too.
-
-        Raises:
-            FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the records.
-        """
+        """Fly effects, and sizes ``drawn`` from the prior of each, through records; what cannot fly changes nothing."""
         base = Point.at(believed, believed, tuple(records), priors=priors)
         own = [np.zeros(base.exact.size) if c is None else c for c in _changes(base, points)]
         points, usual = list(points), len(points)
@@ -467,12 +424,9 @@ class Foreseen:
     @cached_property
     def effects(self) -> dict[str, Effect]:
         """The effects that can be seen in these records, by name."""
-        return {e.name: e for (e, _), square in zip(self.points, self._squares, strict=True) if square > INVISIBLE}
-
-    @cached_property
-    def _squares(self) -> FloatArray:
         k = len(self.coefficients)
-        return self.sums.squares[0, k:-k]
+        squares = self.sums.squares[0, k:-k]
+        return {e.name: e for (e, _), square in zip(self.points, squares, strict=True) if square > INVISIBLE}
 
     @cached_property
     def sums(self) -> Sums:
@@ -484,12 +438,8 @@ class Foreseen:
     ) -> list[Weights]:
         """Return what is said of residuals, of each apart.
 
-        Naming flies what comes nearest at the usual sizes; so that alone is weighed, at all sizes.
-
-        Args:
-            left: of the residuals.
-            sums: of all records that these are residuals of; of those here if not given.
-            effects: that are sought, by name; those that can be seen here if not given.
+        Naming flies what comes nearest at the usual sizes; so that alone is weighed, at all sizes. ``sums`` are those
+        of all records that these are residuals of, ``effects`` those that are sought: of those here if not given.
         """
         std, k = self.base.prior_std, len(self.coefficients)
         effects = self.effects if effects is None else effects
@@ -515,13 +465,13 @@ class Foreseen:
 
     def drawn(self, numbers: Sequence[int]) -> list[tuple[str, Left]]:
         """Return truths of these numbers, drawn from the priors: name, and the sums of what they leave."""
-        return [self._drawn(number) for number in numbers]
-
-    def _drawn(self, number: int) -> tuple[str, Left]:
-        rng = np.random.default_rng([SEED, number])
-        name, multiples, kappa = self.truth(number, rng)
-        pulses = [np.asarray(kappa * rng.standard_normal(c.U.shape[1])) for c in self.parts]
-        return name, sum_of(c.drawn(multiples, u, rng) for c, u in zip(self.parts, pulses, strict=True))
+        out = []
+        for number in numbers:
+            rng = np.random.default_rng([SEED, number])
+            name, multiples, kappa = self.truth(number, rng)
+            pulses = [np.asarray(kappa * rng.standard_normal(c.U.shape[1])) for c in self.parts]
+            out.append((name, sum_of(c.drawn(multiples, u, rng) for c, u in zip(self.parts, pulses, strict=True))))
+        return out
 
     def truth(self, number: int, rng: np.random.Generator) -> tuple[str, FloatArray, float]:
         """Return the truth of a number: name, multiples (K,) of all columns, and size of the unknown motion."""
@@ -565,10 +515,8 @@ class Foreseen:
     def at_usual_size(self, sums: Sums) -> dict[str, float]:
         """Return effect -> probability that it would be given if it were there at its one size here.
 
-        Args:
-            sums: of all records that would be flown; the columns are those here.
-
-        Without noise, coefficients as they are believed: ln p is then what it is on average, to first order.
+        Without noise, coefficients as they are believed: ln p is then what it is on average, to first order. The sums
+        are those of all records that would be flown.
         """
         k = len(self.coefficients)
         seen = sums.squares[0, k:-k] > INVISIBLE

@@ -29,12 +29,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
 
 
 def deviations_of(aircraft: Aircraft | None, general: Mapping[str, float] | None = None) -> Mapping[str, float]:
-    """Return nuisance -> relative standard deviation of its prior: the aircraft's own where it has one.
-
-    Args:
-        aircraft: that is believed; None for the general numbers.
-        general: nuisances and general numbers; those of all motions if not given.
-    """
+    """Return nuisance -> relative standard deviation of its prior: the aircraft's own where it has one."""
     general = {**PRIORS, **LATERAL_PRIORS} if general is None else general
     own = {} if aircraft is None else {n: s for n, s in aircraft.uncertainty.items() if n in general}
     return {**general, **own} if own else general

@@ -33,43 +33,33 @@ LATEST = 0.5  # samples by which a record's clock may be off at its end to be pu
 
 @dataclass(frozen=True, eq=False)
 class Flights:
-    """What a user hands in.
+    """What a user hands in."""
 
-    Attributes:
-        believed: aircraft, sensors and condition.
-        naming, held_out: name -> measured record.
-        notes: what was assumed or chosen for the user, in sentences.
-        drive: what tells how the controls moved: commands, recorded surfaces, or surfaces where no command is recorded.
-    """
-
-    believed: Believed
+    believed: Believed  # aircraft, sensors and condition
+    # naming, held_out: name -> measured record
     naming: Mapping[str, FlightRecord]
     held_out: Mapping[str, FlightRecord]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what was assumed or chosen for the user, in sentences
+    # what tells how the controls moved: commands, recorded surfaces, or surfaces where no command is recorded
     drive: Drive = "both"
 
 
 @dataclass(frozen=True)
 class Said:
-    """What is said of measured flights beside their records.
+    """What is said of measured flights beside their records."""
 
-    Attributes:
-        sensors: believed suite, itself, by name or as a file; if not given, the one that the records say made them.
-        V_m_s: airspeed that all flights start from; if not given, its mean over the quiet flight before the commands.
-            Flights whose airspeeds or altitudes differ are then each flown from their own.
-        h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
-        drive: "both" are commands, and recorded surfaces where no command is recorded; "surface" takes surfaces
-            wherever they are recorded, "command" none.
-    """
-
+    # believed suite, itself, by name or as a file; if not given, the one that the records say made them
     sensors: str | SensorSuite | None = None
+    # airspeed that all flights start from; if not given, its mean over the quiet flight before the commands. Flights
+    # whose airspeeds or altitudes differ are then each flown from their own.
     V_m_s: float | None = None
-    h_m: float | None = None
+    h_m: float | None = None  # altitude, likewise; the aircraft's design altitude where h is not recorded
+    # "both" are commands, and recorded surfaces where no command is recorded; "surface" takes surfaces wherever they
+    # are recorded, "command" none
     drive: Drive = "both"
 
 
-WHOLE = "whole.nc"
-"""Record of a whole log in a folder of `testbench import`, whose cuts lie beside it."""
+WHOLE = "whole.nc"  # record of a whole log in a folder of `testbench import`, whose cuts lie beside it
 
 
 def without_wholes(files: Sequence[Path]) -> list[Path]:
@@ -143,12 +133,7 @@ def flights_of(
     said: Said = Said(),
     notes: Sequence[str] = (),
 ) -> Flights:
-    """Set up what is believed of records that were read; see :func:`load_flights`.
-
-    Raises:
-        ScenarioError: the suite is wrong.
-        RecordError: a record does not hold what is needed.
-    """
+    """Set up what is believed of records that were read; see :func:`load_flights`."""
     told = list(notes)
     suite = _suite(said.sensors, {**naming, **held}, told)
     records = check_records(suite, {**naming, **held}, told, said.drive != "command")
@@ -211,11 +196,7 @@ def named_suite(records: Mapping[str, FlightRecord]) -> str:
 
 
 def free_name(name: str, record: FlightRecord, known: Mapping[str, FlightRecord], file: Path | str) -> str:
-    """Return a name for a record of a file that no ``known`` one has: a manoeuvre may be flown again.
-
-    Raises:
-        RecordError: it is one of the known ones.
-    """
+    """Return a name for a record of a file that no ``known`` one has: a manoeuvre may be flown again."""
     same = next((n for n, r in known.items() if record_key(r) == record_key(record)), None)
     if same is not None:
         raise RecordError(f"measured records must differ, got '{same}' twice ({file}); give it once")
@@ -281,11 +262,7 @@ def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s:
 
 
 def at_its_own(suite: SensorSuite, record: FlightRecord, h_m: float) -> FlightCondition:
-    """Return the condition that a record's quiet flight tells; ``h_m`` is taken if it holds no height.
-
-    Raises:
-        RecordError: it does not hold the airspeed.
-    """
+    """Return the condition that a record's quiet flight tells; ``h_m`` is taken if it holds no height."""
     if "V" not in record:
         raise RecordError("the airspeed of a record must be known, but it is not recorded; give its condition")
     return FlightCondition(_quiet_mean(suite, record, "V"), _quiet_mean(suite, record, "h") if "h" in record else h_m)

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.effects import Effect
 from testbench.flight.batch.jobs import Tally
 from testbench.inference.calibrate import Reliability
 from testbench.inference.instruments import Agreement
 from testbench.page.words import listed
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.drive import SurfacePath
 from testbench.questions.gap.evidence.air import AirFound
-from testbench.questions.gap.evidence.held_out import HeldOutFlight
+from testbench.questions.gap.evidence.check import HeldOutFlight
 from testbench.questions.gap.evidence.locate import Lacking, RegionMap, ResidualMap, Structure
 from testbench.questions.gap.evidence.noise_found import NoiseFound
-from testbench.questions.gap.explain import VISIBLE, Naming, percent
+from testbench.questions.gap.explain import Naming, percent
 from testbench.questions.gap.onset import Begun
 from testbench.questions.gap.parts import Part, parts_of
 from testbench.questions.identify.instruments import agreement_in_words
@@ -46,29 +46,23 @@ _ALLOWED = (
 
 @dataclass(frozen=True, eq=False)
 class Shrink:
-    """One held-out manoeuvre before and after the amendment; residuals in units of the noise.
+    """One held-out manoeuvre before and after the amendment; residuals in units of the noise."""
 
-    Attributes:
-        manoeuvre: name.
-        record: the measured record.
-        before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean.
-        energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor.
-        taken: (p,) number of samples that were taken.
-    """
-
-    manoeuvre: str
-    record: FlightRecord
+    manoeuvre: str  #: name
+    record: FlightRecord  #: the measured record
+    #: before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean
     before: FloatArray
     after: FloatArray
+    #: energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor
     energy_before: FloatArray
     energy_after: FloatArray
-    taken: FloatArray
+    taken: FloatArray  #: (p,) number of samples that were taken
 
     @property
     def visible(self) -> bool:
         """True if the excess before stands four standard deviations above what noise alone scatters by."""
         scatter = np.sqrt(np.sum(2.0 / np.maximum(self.taken, 1.0)))
-        return float(np.sum(self.energy_before - 1.0)) > VISIBLE * scatter
+        return float(np.sum(self.energy_before - 1.0)) > CRITERIA.visible * scatter
 
     @property
     def removed(self) -> float:
@@ -79,19 +73,12 @@ class Shrink:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Where the cause sits; what it is stands in the naming.
+    """Where the cause sits; what it is stands in the naming."""
 
-    Attributes:
-        parts: where it may sit; none if nothing is called.
-        probability: that all that is missing acts there.
-        any: True if it sits in one of the parts, and not in all of them.
-        nearest: part of the nearest effect, in words, where nothing is called.
-    """
-
-    parts: tuple[Part, ...]
-    probability: float
-    any: bool = False
-    nearest: str = ""
+    parts: tuple[Part, ...]  #: where it may sit; none if nothing is called
+    probability: float  #: that all that is missing acts there
+    any: bool = False  #: True if it sits in one of the parts, and not in all of them
+    nearest: str = ""  #: part of the nearest effect, in words, where nothing is called
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -115,21 +102,15 @@ def verdict_of(naming: Naming) -> Verdict | None:
     fits = {f.effect.name: f for f in naming.ranking}
     named = [fits[n].effect for n in naming.names]
     if naming.outcome in ("partial", "unexplained"):
-        near = [f.effect for f in naming.ranking if not _open(naming, f.effect)][:1]
+        near = [f.effect for f in naming.ranking if f.effect.name not in naming.weighed.terms][:1]
         if not near:
             return None
-        return Verdict((), _sure(naming, near), nearest=listed([p.name for p in parts_of(near)]))
-    if not named or any(_open(naming, e) for e in named):
+        names = [p.name for p in parts_of(near)]
+        return Verdict((), naming.weighed.part(names), nearest=listed(names))
+    if not named or any(e.name in naming.weighed.terms for e in named):
         return None
-    return Verdict(parts_of(named), _sure(naming, named), any=len(named) > 1 and len(parts_of(named)) > 1)
-
-
-def _open(naming: Naming, effect: Effect) -> bool:
-    return effect.name in naming.weighed.terms
-
-
-def _sure(naming: Naming, effects: Sequence[Effect]) -> float:
-    return naming.weighed.part([p.name for p in parts_of(effects)])
+    parts = parts_of(named)
+    return Verdict(parts, naming.weighed.part([p.name for p in parts]), any=len(named) > 1 and len(parts) > 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,15 +180,13 @@ class GapFinding:
         out += [self.naming.probabilities, *self._evidence(), *([self.next_flight] if self.next_flight else [])]
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))
+            gone = (
+                f"{100 * s.removed:.1f} % of the excess is removed" if s.visible else "the excess is too small to judge"
+            )
             out.append(
                 f"held-out {s.manoeuvre}: the mean squared residual is {s.energy_before.mean():.3g} before and "
                 f"{s.energy_after.mean():.3g} after, where the noise is 1 (largest in {self.believed.outputs[k]}: "
-                f"{s.energy_before[k]:.3g} and {s.energy_after[k]:.3g}); "
-                + (
-                    f"{100 * s.removed:.1f} % of the excess is removed"
-                    if s.visible
-                    else "the excess is too small to judge"
-                )
+                f"{s.energy_before[k]:.3g} and {s.energy_after[k]:.3g}); {gone}"
             )
         out += [h.sentence for h in self.held_out] if self.changed else []
         if self.naming.outcome != "no gap":

@@ -15,8 +15,7 @@ from testbench.sensors import SensorSuite, load_suite
 
 Windows = float | Literal["auto", "off"]
 """Length of the windows, s; "auto" cuts what does not begin with quiet flight, by the fastest unstable mode."""
-SHORTEST_S = 2.0
-"""Of a window: about one short period, without which its coefficients do not show beside a free start."""
+SHORTEST_S = 2.0  # of a window: about one short period, without which its coefficients do not show beside a free start
 
 
 def windows_of(text: str | None) -> Windows | None:

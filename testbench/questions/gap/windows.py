@@ -4,7 +4,7 @@ H. G. Bock, Numerical treatment of inverse problems in chemical reaction kinetic
 Vehicle System Identification, 2nd ed., 2015, section 9.5, for unstable aircraft. A window is a record of its own. It
 begins with LEAD_S of flight that is flown but not compared, so that servos, links and sensors that lag have forgotten
 where they began. Its start, constant offsets of its commands (thrust that wanders, a trim that is not known) and where
-its surfaces were (a servo at its rate limit does not forget) are nuisances of its own (:mod:`.free_start`), first
+its surfaces were (a servo at its rate limit does not forget) are nuisances of its own (:mod:`.starts`), first
 fitted to the believed model.
 
 Records as they are searched: cut into windows that the believed aircraft survives, with starts that suit it.
@@ -26,7 +26,9 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, RecordError, Refusal, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import NEAR, Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
+    LATERAL_CHANNELS,
     MOVED,
     begins_quietly,
     commands,
@@ -37,15 +39,12 @@ from testbench.questions.gap.evidence.commanded import (
     surface_noise,
 )
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.free_start import BEGAN, STATES, FreeStart
 from testbench.questions.gap.scenario import SHORTEST_S, Windows
 from testbench.questions.gap.search.point import Point, retune
-from testbench.questions.gap.starts import marked, record_key, start_of
+from testbench.questions.gap.starts import BEGAN, STATES, FreeStart, marked, record_key, start_of
 
-LEAD_S = 0.5
-"""Flown before a window is compared: four time constants of a servo of 8 rad/s."""
-LONGEST_S = 10.0
-"""Of a window where nothing is unstable: turbulence and thrust wander within longer ones."""
+LEAD_S = 0.5  # flown before a window is compared: four time constants of a servo of 8 rad/s
+LONGEST_S = 10.0  # of a window where nothing is unstable: turbulence and thrust wander within longer ones
 GROWTH = 30.0
 """By which the fastest unstable mode may grow within a window: what noise leaves of a start, some 0.1 deg, stays where
 the aircraft is linear."""
@@ -62,7 +61,6 @@ _FROM_TRIM = {  # prior standard deviations: of a state that is measured, by wha
 }
 _OFFSETS = {"de": 3.0 * DEG_RAD, "da": 3.0 * DEG_RAD, "dr": 3.0 * DEG_RAD, "thr": 0.2}
 _CHANNELS = {"V_m_s": "V", "h_m": "h"}
-_LATERAL = {"beta", "v", "p", "r", "phi", "ay"}  # channels
 _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
@@ -76,23 +74,16 @@ _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
 _AT_REST = 0.1  # of chi-square
-_NOISE = 4.0  # standard deviations of chi-square that noise alone may come to
 _SHARES = (1.0, 0.4, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Records as they are searched.
+    """Records as they are searched."""
 
-    Attributes:
-        records: name -> record that begins at trim, or window.
-        whole: name -> record as it was given; one without quiet flight says so.
-        notes: what was cut, in sentences.
-    """
-
-    records: Mapping[str, FlightRecord]
-    whole: Mapping[str, FlightRecord]
-    notes: tuple[str, ...]
+    records: Mapping[str, FlightRecord]  # name -> record that begins at trim, or window
+    whole: Mapping[str, FlightRecord]  # name -> record as it was given; one without quiet flight says so
+    notes: tuple[str, ...]  # what was cut, in sentences
 
 
 def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Windows = "auto", share: float = 1.0) -> Cut:
@@ -237,7 +228,7 @@ def drifting(believed: Believed, record: FlightRecord) -> str:
 
 def _noise(samples: int) -> float:
     """Return the chi-square that noise of so many samples hardly exceeds."""
-    return samples + _NOISE * math.sqrt(2.0 * samples)
+    return samples + CRITERIA.visible * math.sqrt(2.0 * samples)
 
 
 def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:
@@ -261,11 +252,7 @@ def level(record: FlightRecord) -> dict[str, float]:
 
 
 def _parts(record: FlightRecord, length_s: float) -> list[FlightRecord]:
-    """Return windows of equal length, none compared for more than ``length_s``.
-
-    Raises:
-        RecordError: ``length_s`` or the record is too short.
-    """
+    """Return windows of equal length, none compared for more than ``length_s``."""
     if not length_s >= SHORTEST_S:
         raise RecordError(f"a window must be at least {SHORTEST_S:g} s long, got windows = {length_s:g}")
     lead = round(LEAD_S / record.dt_s)
@@ -303,15 +290,8 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
     Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means. It begins
-    at the starts that the belief has, or at the first readings if it has none or cannot be flown from there.
-
-    Args:
-        believed: whose starts they become.
-        records: by name; those that begin at trim are left alone.
-        along: model that they are fitted to; ``believed`` itself if not given.
-
-    Raises:
-        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
+    at the starts that the belief has, or at the first readings if it has none or cannot be flown from there. ``along``
+    is the model that they are fitted to; ``believed`` itself if not given.
     """
     own = {n: r for n, r in records.items() if starts_freely(r)}
     if not own:
@@ -325,15 +305,14 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
             here = _fitted(plain, own, here, math.inf, _ROUNDS)
             # Where a poor model began, a better one may be caught: what is not noise is sought from the readings, too.
             there = replace(plain, free_starts=here)
-            poor = {n: r for n, r in own.items() if _misfits(there, r)}
+            taken = {n: int(np.count_nonzero(there.taken(r))) for n, r in own.items()}
+            costs = {n: there.cost_of_start(r, here[key_of_start(r)].origin) for n, r in own.items()}
+            poor = {n: r for n, r in own.items() if costs[n] > _noise(taken[n])}
             with suppress(FlightAborted, LimitError, TrimError):
                 anew = _from_readings(plain, poor, starts)
-                for record in poor.values():
+                for name, record in poor.items():
                     key = key_of_start(record)
-                    old, new = (
-                        replace(plain, free_starts=s).cost_of_start(record, s[key].origin) for s in (here, anew)
-                    )
-                    if new < old:
+                    if replace(plain, free_starts=anew).cost_of_start(record, anew[key].origin) < costs[name]:
                         here[key] = anew[key]
             return replace(believed, free_starts={**known, **here, **_linearised(plain, own, here)})
     starts = _from_readings(plain, own, starts)
@@ -345,9 +324,6 @@ def begin_from(believed: Believed, whole: FlightRecord, part: FlightRecord, shar
     """Return the belief with the start of a part of a record that begins where the flight of the whole record is then.
 
     Its priors are ``share`` as wide as those of a window: the flight before it tells where it begins.
-
-    Raises:
-        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly the record.
     """
     free, there = _guess(believed, part), believed.at(part)
     truth = believed.flown(whole)
@@ -374,13 +350,6 @@ def _from_readings(
     return out
 
 
-def _misfits(model: Believed, record: FlightRecord) -> bool:
-    """Return whether a start leaves more than noise of a record."""
-    free, samples = model.free_start_of(record), int(np.count_nonzero(model.taken(record)))
-    assert free is not None
-    return model.cost_of_start(record, free.origin) > _noise(samples)
-
-
 def _fitted(
     believed: Believed,
     records: Mapping[str, FlightRecord],
@@ -395,7 +364,8 @@ def _fitted(
     for _ in range(rounds):
         out |= _linearised(believed, far, out)
         moved, fallen = _improved(believed, moving, out)
-        steps = {n: np.abs(moved[k].origin - out[k].origin) / out[k].std for n, k in _keys(moving).items()}
+        keys = {n: key_of_start(r) for n, r in moving.items()}
+        steps = {n: np.abs(moved[k].origin - out[k].origin) / out[k].std for n, k in keys.items()}
         out |= moved
         moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
         far = {n: r for n, r in moving.items() if np.max(steps[n]) > NEAR}
@@ -404,26 +374,29 @@ def _fitted(
     return out
 
 
-def _keys(records: Mapping[str, FlightRecord]) -> dict[str, str]:
-    """Return what tells the start of each record from others."""
-    return {n: key_of_start(r) for n, r in records.items()}
-
-
 def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> FreeStart:
     """Return the start that the first readings of a record tell, without columns."""
     believed = believed.at(record)
-    lateral = bool(_LATERAL & set(believed.outputs))
+    lateral = bool(LATERAL_CHANNELS & set(believed.outputs))
     states = [n for n in STATES if (lateral or n not in _OF_LATERAL) and (n != "h_m" or "h" in record)]
     controls = [c for c in believed.aircraft.controls if c in _OFFSETS and (lateral or c not in _OF_LATERAL)]
     controls = controls if offsets else []
-    began = [c for c in controls if f"{c}_cmd" in record and c not in surface_noise(record) and _moves(record, c)]
+    began = [c for c in controls if f"{c}_cmd" in record and c not in surface_noise(record)]
+    began = [c for c in began if np.ptp(record[f"{c}_cmd"]) > MOVED]  # only then may it be elsewhere as a window begins
     origin, std = [], []
     for name in states:
         channel = _CHANNELS.get(name, name)
         measured, other = _FROM_TRIM[name]
         scale = believed.condition.V_m_s if name == "V_m_s" else 1.0
         here = channel in record
-        origin.append(_first(believed, record, channel) - believed.trimmed.state[channel] if here else 0.0)
+        begins = 0.0
+        if here:  # what its sensor reads there, by a straight line, less what is believed of bias and scale
+            n = min(max(_FEWEST, round(_FITTED_S / record.dt_s)), len(record))
+            sensor = next((s for s in believed.suite.sensors if s.channel == channel), None)
+            bias, gain = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
+            read = (float(np.polyfit(np.arange(n), record[channel][:n], 1)[1]) - bias) / gain
+            begins = read - believed.trimmed.state[channel]
+        origin.append(begins)
         std.append(scale * (measured if here else other))
     names = (*states, *controls, *(c + BEGAN for c in began))
     values = np.array([*origin, *(0.0 for _ in (*controls, *began))])
@@ -431,27 +404,10 @@ def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> Fr
     return FreeStart(names, values, stds, values, np.zeros((len(record), len(believed.outputs), values.size)))
 
 
-def _moves(record: FlightRecord, control: str) -> bool:
-    """Return whether a control is commanded to move: only then may it be elsewhere as a window begins."""
-    return bool(np.ptp(record[f"{control}_cmd"]) > MOVED)
-
-
-def _first(believed: Believed, record: FlightRecord, channel: str) -> float:
-    """Return what a sensor reads as a record begins, by a straight line, less what is believed of bias and scale."""
-    n = min(max(_FEWEST, round(_FITTED_S / record.dt_s)), len(record))
-    sensor = next((s for s in believed.suite.sensors if s.channel == channel), None)
-    bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
-    return (float(np.polyfit(np.arange(n), record[channel][:n], 1)[1]) - bias) / scale
-
-
 def _linearised(
     believed: Believed, records: Mapping[str, FlightRecord], starts: Mapping[str, FreeStart]
 ) -> dict[str, FreeStart]:
-    """Return the starts with columns at their origins, by flown differences, all together.
-
-    Raises:
-        FlightAborted, LimitError, TrimError: an origin cannot be flown.
-    """
+    """Return the starts with columns at their origins, by flown differences, all together."""
     with_starts = replace(believed, free_starts=starts)
     points = []
     for record in records.values():
@@ -503,10 +459,8 @@ def _improved(
     return out, fallen
 
 
-SHARES = (1.0, 0.5, 0.25)
-"""Of the length of windows that are tried, one after the other."""
-STARTS_IN_TURN = 6
-"""Rounds in which starts of windows and coefficients are fitted at most."""
+SHARES = (1.0, 0.5, 0.25)  # of the length of windows that are tried, one after the other
+STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fitted at most
 
 
 def in_windows(
@@ -519,9 +473,6 @@ def in_windows(
     """Return the belief with the starts of windows, and both kinds of records, cut where that is wanted.
 
     Where the believed aircraft leaves its limits in windows of a length that is left to us, they are made shorter.
-
-    Raises:
-        FlightAborted, LimitError, TrimError: it does in the shortest ones, too.
     """
     for share in SHARES:
         given, others = (cut(believed, x, windows, share) for x in (records, held_out))

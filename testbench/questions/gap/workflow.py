@@ -22,17 +22,9 @@ from testbench.questions.gap.again import KeptFits, Reflown, search_key
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.drive import SurfacePath, driven, paths_seen
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again, listen_in_flight, smoothed
-from testbench.questions.gap.evidence.check import check_instruments, check_signs
+from testbench.questions.gap.evidence.check import check_instruments, check_signs, differences
 from testbench.questions.gap.evidence.commanded import starts_freely
-from testbench.questions.gap.evidence.held_out import differences
-from testbench.questions.gap.evidence.locate import (
-    ResidualMap,
-    lacking,
-    largest_errors,
-    left_by,
-    locate,
-    locate_regions,
-)
+from testbench.questions.gap.evidence.locate import lacking, largest_errors, left_by, locate, locate_regions
 from testbench.questions.gap.evidence.noise_found import NoiseFound, find_noise
 from testbench.questions.gap.explain import Explanation, Naming
 from testbench.questions.gap.flights import flights
@@ -159,27 +151,17 @@ def find_gap(
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """Records and the belief in them, as they can be compared.
+    """Records and the belief in them, as they can be compared."""
 
-    Attributes:
-        stated: what is believed, with the noise that is stated.
-        believed: the same with the noise that was found.
-        records, held_out: by name, cut into windows where they do not begin in quiet flight.
-        whole: the measured records as they were before.
-        noise: found, None where it was simulated here.
-        paths: of the controls.
-        notes, notes_of_others: how records, and those held out, were cut.
-    """
-
-    stated: Believed
-    believed: Believed
+    stated: Believed  # what is believed, with the noise that is stated
+    believed: Believed  # the same with the noise that was found
+    # records, held_out: by name, cut into windows where they do not begin in quiet flight
     records: Mapping[str, FlightRecord]
     held_out: Mapping[str, FlightRecord]
-    whole: Mapping[str, FlightRecord]
-    noise: NoiseFound | None
-    paths: tuple[SurfacePath, ...]
-    notes: tuple[str, ...]
-    notes_of_others: tuple[str, ...]
+    whole: Mapping[str, FlightRecord]  # the measured records as they were before
+    noise: NoiseFound | None  # found, None where it was simulated here
+    paths: tuple[SurfacePath, ...]  # of the controls
+    notes: tuple[str, ...]  # how records, and those held out, were cut
 
     @classmethod
     def of(
@@ -194,9 +176,10 @@ class _Given:
         for name, record in {**records, **held_out}.items():
             if record.kind != "measured":
                 raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
-        by = driven(believed, records, held_out, how.drive)
-        check_signs(by.believed, as_they_start(by.records))
-        stated, cut, others = in_windows(by.believed, by.records, by.held_out, how.windows or "auto", say)
+        driving, both, paths = driven(believed, {**records, **held_out}, how.drive)
+        records, held_out = ({n: both[n] for n in part} for part in (records, held_out))
+        check_signs(driving, as_they_start(records))
+        stated, cut, others = in_windows(driving, records, held_out, how.windows or "auto", say)
         records, held_out = called(cut.records), others.records
         for name, record in {**records, **held_out}.items():
             with located(None, f"record '{name}'"):
@@ -207,7 +190,7 @@ class _Given:
             say("estimate the noise")
             noise = find_noise(stated, list(records.values()), how.noise)
             believed = noise.corrects(stated)
-        return cls(stated, believed, records, held_out, cut.whole, noise, by.paths, cut.notes, others.notes)
+        return cls(stated, believed, records, held_out, cut.whole, noise, paths, (*cut.notes, *others.notes))
 
     def sought(self, how: GapSearch) -> Sought:
         """Return what is weighed as an explanation."""
@@ -225,26 +208,16 @@ class _Given:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What was found of records.
+    """What was found of records."""
 
-    Attributes:
-        believed: in the air that was found.
-        naming: what is lacking, by its probability.
-        air: found beside it.
-        records: that it was found in.
-        all_in: what is believed, before the air.
-        before: the same, with starts of windows before these were found beside what comes nearest.
-        noise: found beside it.
-        begun: what is lacking begins or ends there in flight, None if it acts in all of the records.
-    """
-
-    believed: Believed
-    naming: Naming
-    air: AirFound
-    records: Mapping[str, FlightRecord]
-    all_in: Believed
-    before: Believed
-    noise: NoiseFound | None
+    believed: Believed  # in the air that was found
+    naming: Naming  # what is lacking, by its probability
+    air: AirFound  # found beside it
+    records: Mapping[str, FlightRecord]  # that it was found in
+    all_in: Believed  # what is believed, before the air
+    before: Believed  # the same, with starts of windows before these were found beside what comes nearest
+    noise: NoiseFound | None  # found beside it
+    # what is lacking begins or ends there in flight, None if it acts in all of the records
     begun: onset.Begun | None = None
 
     @property
@@ -293,10 +266,9 @@ class _Asked:
         self, believed: Believed, noise: NoiseFound | None, sought: Sought, after: _Found | None = None
     ) -> _Found:
         """Return what is lacking; an earlier search tells the air, and where fits came to rest, which begin there."""
-        records, air = self.given.records, self.air
-        if after is not None:
-            air, sought = after.air, replace(sought, rested=after.naming.rested)
-        return self._searched(believed, noise, records, air, sought)
+        air = self.air if after is None else after.air
+        sought = sought if after is None else replace(sought, rested=after.naming.rested)
+        return self._searched(believed, noise, self.given.records, air, sought)
 
     def _searched(
         self,
@@ -381,8 +353,9 @@ def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFind
     if found.begun is not None and amended.later:
         held_out = onset.lasting(believed, amended, held_out)
     say("locate the residual")
-    maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in flown), strict=True)
+    each = zip(records.items(), left, taken, strict=True)
+    maps = tuple(locate(name, x, believed.outputs, r.dt_s, valid) for (name, r), x, valid in each)
     of = sorted(zip(records.items(), left, strict=True), key=lambda one: -float(np.mean(one[1] ** 2)))[:SHOWN]
     lacks = [lacking(believed, n, r, unknown_motion(believed, r, deflections=False), x) for (n, r), x in of]
     next_flight = ""
@@ -391,7 +364,8 @@ def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFind
         say("seek the manoeuvre that would separate the rest")
         next_flight = separate(believed, flown, alike)
     say("validate on held-out manoeuvres")
-    models = [believed, amended] if amended is not believed else [believed]
+    models, every = dict.fromkeys((believed, amended)), [*flown, *held_out.values()]
+    again = flights([model.wanted_to_read(r) for model in models for r in every])  # those that are kept are not flown
     return GapFinding(
         believed=believed,
         amended=amended,
@@ -403,13 +377,13 @@ def _judged(given: _Given, found: _Found, say: Callable[[str], None]) -> GapFind
         regions=locate_regions(flown, left, believed.outputs, taken),
         lacks=tuple(lacks),
         next_flight=next_flight,
-        errors=largest_errors(believed, [*flown, *held_out.values()]),
+        errors=largest_errors(believed, every),
         left=None if naming.best is None else left_by(amended, flown),
-        windows=(*given.notes, *given.notes_of_others),
+        windows=given.notes,
         begun=found.begun,
         paths=(*given.paths, *paths_seen(believed, amended, naming, flown)),
         held_out=differences(believed, records, held_out),
-        tally=_tally(models, [*flown, *held_out.values()]),
+        tally=Tally.of(x for x in again if isinstance(x, FlightRecord)),
     )
 
 
@@ -420,12 +394,6 @@ def _nearest(naming: Naming) -> Explanation | None:
 
 def _smoothed(believed: Believed, air: AirFound, records: Mapping[str, FlightRecord]) -> dict[str, FlightRecord]:
     return dict(zip(records, smoothed(believed, air, list(records.values())), strict=True))
-
-
-def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
-    """Count by what models are flown through records; flights that are kept are not flown again."""
-    found = flights([model.wanted_to_read(record) for model in models for record in records])
-    return Tally.of(x for x in found if isinstance(x, FlightRecord))
 
 
 def search(
@@ -461,18 +429,10 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
     """
     if not air.moves:
         return in_air(believed, air), air
-    tuned = _retuned(believed, in_air(believed, air), records)
+    flown_in = in_air(believed, air)
+    tuned = believed.with_nuisances(retune(Point.at(flown_in, flown_in, tuple(records))).by_name)
     air = listen_in_flight(tuned, records, air)
     return in_air(believed, air, tuned), air
-
-
-def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
-    """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
-    return believed.with_nuisances(retune(Point.at(flown_in, flown_in, tuple(records))).by_name)
-
-
-def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
-    return locate(name, believed.residuals(record), believed.outputs, record.dt_s, believed.taken(record))
 
 
 def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:

@@ -75,7 +75,7 @@ def test_maps_have_the_noise_of_slow_sensors_at_one(slow, slow_records):
 
 
 def test_a_record_shorter_than_a_window_is_located():
-    found = locate("m", np.ones((60, 2)), ("q", "V"), 0.01)
+    found = locate("m", np.ones((60, 2)), ("q", "V"), 0.01, np.ones((60, 2), bool))
     assert found.by_time.tolist() == [[1.0, 1.0]]
     assert found.window_s == pytest.approx(0.6)
 

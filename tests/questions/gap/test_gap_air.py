@@ -230,15 +230,17 @@ def test_no_effect_is_named_in_turbulence(turbulent, moved):
 def test_an_effect_in_its_air_is_likelier_than_strong_turbulence_only_where_it_is(believed, turbulent, hidden):
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 5.0})
     records, strong = measure(slow, 40, RMS) if hidden else turbulent[0], replace(turbulent[1], rms_m_s=0.9)
-    alone, beside = (air.misfit(m, records, air.measure(m, records, strong)) for m in (believed, slow))
+    alone, beside = (
+        air.misfit(m, air.plain_residuals(m, records), air.measure(m, records, strong)) for m in (believed, slow)
+    )
     assert (alone - beside > 40.0) == hidden
 
 
 def test_the_likeliest_air_misfits_least(believed, turbulent):
     records, found = turbulent
-    least = air.misfit(believed, records, air.measure(believed, records, found))
+    least = air.misfit(believed, air.plain_residuals(believed, records), air.measure(believed, records, found))
     for rms in (0.5 * RMS, 2.0 * RMS):
-        assert air.misfit(believed, records, replace(found, rms_m_s=rms)) > least
+        assert air.misfit(believed, air.plain_residuals(believed, records), replace(found, rms_m_s=rms)) > least
 
 
 @pytest.mark.slow

@@ -20,9 +20,9 @@ from testbench.flight.air import turbulence_rms
 from testbench.flight.executive import Executive
 from testbench.questions.gap import figures, windows
 from testbench.questions.gap.evidence.gust_filter import _felt
-from testbench.questions.gap.free_start import Directions
 from testbench.questions.gap.new import shared_with
 from testbench.questions.gap.open_set import accelerations
+from testbench.questions.gap.starts import Directions
 
 RNG = np.random.default_rng(12)
 

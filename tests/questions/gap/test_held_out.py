@@ -11,7 +11,7 @@ from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep, Sweep
 from testbench.flight import FlightCondition
-from testbench.questions.gap.evidence.held_out import differences
+from testbench.questions.gap.evidence.check import differences
 from testbench.questions.gap.plan import as_record
 from testbench.questions.gap.starts import Start, marked
 

@@ -269,10 +269,12 @@ def test_a_plan_with_the_rudder_sees_a_yaw_damper_and_may_add_lateral_manoeuvres
 
 def test_residuals_are_located_over_sideslip_and_rudder_where_they_move(base):
     residuals = [base.believed.residuals(r) for r in base.records]
-    quantities = {m.quantity for m in locate_regions(base.records, residuals, base.believed.outputs)}
+    taken = [base.believed.taken(r) for r in base.records]
+    quantities = {m.quantity for m in locate_regions(base.records, residuals, base.believed.outputs, taken)}
     assert {"beta", "p", "r", "da_cmd", "dr_cmd"} <= quantities
     only = hidden("taurus", NOTHING, spec=(ELEVATOR,))
-    quantities = {m.quantity for m in locate_regions(only, [np.ones((len(only[0]), 10))], base.believed.outputs)}
+    flat, every = np.ones((len(only[0]), 10)), np.ones((len(only[0]), 10), bool)
+    quantities = {m.quantity for m in locate_regions(only, [flat], base.believed.outputs, [every])}
     assert not quantities & {"beta", "p", "r", "da_cmd", "dr_cmd"}
 
 

@@ -20,8 +20,7 @@ from testbench.flight import load_aircraft
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
 from testbench.questions.gap import ask, new
-from testbench.questions.gap.new import most_different, shared_with
-from testbench.questions.gap.new_suite import suite_of_records
+from testbench.questions.gap.new import most_different, shared_with, suite_of_records
 from testbench.questions.gap.records import Said, flights_of
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.importing.ask import import_log, write_import

@@ -17,10 +17,9 @@ from testbench.flight import load_aircraft
 from testbench.inference.calibrate import Reliability, Trial
 from testbench.questions.gap.ask import run_flights
 from testbench.questions.gap.figures import gap_plates
-from testbench.questions.gap.page import gap_page, gap_plan_page
+from testbench.questions.gap.page import gap_page, gap_plan_page, gap_tables
 from testbench.questions.gap.records import Flights
 from testbench.questions.gap.result import TOLERANCE
-from testbench.questions.gap.tables import gap_tables
 from testbench.questions.gap.workflow import GapSearch
 from testbench.questions.run.scenario import Scenario
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from testbench.estimators.regression.smoothing import noise_level
 from testbench.questions.gap.drive import drive_records
 from testbench.questions.gap.evidence.commanded import quiet_samples, rests, stilled
-from testbench.questions.gap.new_suite import suite_of_records
+from testbench.questions.gap.new import suite_of_records
 
 DT_S, NOISE = 0.02, 1e-3
 T_S = np.arange(1500) * DT_S

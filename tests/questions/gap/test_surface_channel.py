@@ -43,9 +43,9 @@ from testbench.questions.gap.drive import SurfacePath, comparing
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.explain import Naming
 from testbench.questions.gap.name import Sought, name_effect
+from testbench.questions.gap.page import gap_tables
 from testbench.questions.gap.parts import parts_of
 from testbench.questions.gap.result import GapFinding
-from testbench.questions.gap.tables import gap_tables
 from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.questions.hidden import fly_hidden, issued
 from testbench.sensors import load_suite

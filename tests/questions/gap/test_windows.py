@@ -45,10 +45,10 @@ from testbench.questions.gap.evidence.commanded import (
     quiet_samples,
     starts_freely,
 )
-from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.scenario import windows_of
 from testbench.questions.gap.search.point import Point, fly_together
+from testbench.questions.gap.starts import FreeStart
 from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
 from testbench.questions.gap.workflow import GapSearch, find_gap
 

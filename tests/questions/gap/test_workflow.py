@@ -151,10 +151,10 @@ def test_the_map_of_white_noise_is_flat_and_a_tone_sits_in_its_band():
     rng = np.random.default_rng(4)
     t = np.arange(4000) * 0.01
     noise = rng.standard_normal((4000, 2))
-    flat = locate("noise", noise, ("q", "V"), 0.01)
+    flat = locate("noise", noise, ("q", "V"), 0.01, np.ones(noise.shape, bool))
     assert flat.by_band[2:] == pytest.approx(np.ones((4, 2)), abs=0.5)  # 60 lines or more in each: four sigma
     noise[1000:1500, 0] += 3.0 * np.sin(2 * np.pi * 4.6 * t[1000:1500])
-    found = locate("tone", noise, ("q", "V"), 0.01)
+    found = locate("tone", noise, ("q", "V"), 0.01, np.ones(noise.shape, bool))
     assert np.unravel_index(np.argmax(found.by_band), found.by_band.shape) == (3, 0)
     assert "q" in found.sentence
     assert "3 to 6 Hz" in found.sentence

@@ -43,24 +43,15 @@ _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft
 
 @dataclass(frozen=True)
 class AirFound:
-    """What the residuals say of the air.
+    """What the residuals say of the air."""
 
-    Attributes:
-        moves: True if turbulence was found.
-        rms_m_s: vertical rms; 0 if it does not move.
-        height_m: above ground, as the scale lengths of the turbulence tell it.
-        gain: likelihood-ratio statistic of turbulence against none: twice the gain in log-likelihood.
-        threshold: what noise alone exceeds with probability ``Criteria.false_alarm``.
-        quiet_s: quiet flight that was listened to, all records together.
-        in_quiet: False if it was not found in the quiet flight but over all records, more likely than any effect.
-    """
-
-    moves: bool
-    rms_m_s: float
-    height_m: float
-    gain: float
-    threshold: float
-    quiet_s: float
+    moves: bool  # True if turbulence was found
+    rms_m_s: float  # vertical rms; 0 if it does not move
+    height_m: float  # above ground, as the scale lengths of the turbulence tell it
+    gain: float  # likelihood-ratio statistic of turbulence against none: twice the gain in log-likelihood
+    threshold: float  # what noise alone exceeds with probability ``Criteria.false_alarm``
+    quiet_s: float  # quiet flight that was listened to, all records together
+    # False if it was not found in the quiet flight but over all records, more likely than any effect
     in_quiet: bool = True
 
     @property
@@ -98,10 +89,6 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses,
     and so is the drift of an instrument that explains more than turbulence would (:func:`_steadied`). Records that
     start freely have no quiet flight. If there is none at all, nothing is said of the air.
-
-    Raises:
-        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
-        RecordError: a record has less than 0.5 s of quiet flight.
     """
     plain = replace(believed, whiten=None)
     quiet = _quiet(plain, records)
@@ -121,7 +108,7 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
 
     Short records hardly tell rms and height apart, so the height is kept unless another one is clearly likelier.
     """
-    residuals = _plain_residuals(model, records)
+    residuals = plain_residuals(model, records)
     heights = dict.fromkeys((heard.height_m, *_HEIGHTS_M))
     found = [(*_likeliest(model, residuals, h), h) for h in heights]
     best = max(found, key=lambda f: f[1])
@@ -146,18 +133,13 @@ def listen_again(amended: Believed, records: Sequence[FlightRecord], heard: AirF
     turbulence may still be what is left, as it does not show in a second or two of quiet flight. It is the better
     explanation if it gains more likelihood than an unknown motion does, and if the quiet flight does not refute that
     rms. The second condition is needed: a gap that no effect explains looks like turbulence from the first command on.
-
-    Args:
-        amended: with what was named.
-        records: those that it was named from.
-        heard: what the quiet flight said.
-        unknown: twice what an unknown motion beside it gains in ln p.
+    ``unknown`` is twice what an unknown motion beside what was named gains in ln p.
     """
     if heard.moves:
         return measure(amended, records, heard)
     if not heard.quiet_s:  # a gap that nothing explains would look like turbulence
         return heard
-    rms, of_turbulence = _likeliest(amended, _plain_residuals(amended, records), heard.height_m)
+    rms, of_turbulence = _likeliest(amended, plain_residuals(amended, records), heard.height_m)
     if of_turbulence <= max(heard.threshold, unknown):
         return heard
     if _refuted(amended, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
@@ -165,15 +147,8 @@ def listen_again(amended: Believed, records: Sequence[FlightRecord], heard: AirF
     return measure(amended, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
 
 
-def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> float:
-    """Return minus twice the log-likelihood of the residuals of ``model`` on ``records``, flown in ``air``.
-
-    A constant of the records is left out.
-    """
-    return _misfit(model, _plain_residuals(model, records), air)
-
-
-def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
+def misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
+    """Return minus twice the log-likelihood of residuals in units of the noise in ``air``, but for a constant."""
     return _cost(believed, _models(believed, air.height_m, residuals), residuals, air.rms_m_s)
 
 
@@ -191,10 +166,11 @@ def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound,
     """Return whether the quiet flight is so much likelier in the ``other`` air that ``air`` is ruled out."""
     plain = replace(believed, whiten=None)
     quiet = _steadied(plain, _quiet(plain, records), air.height_m)
-    return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > CRITERIA.air_refuted
+    return misfit(believed, quiet, air) - misfit(believed, quiet, other) > CRITERIA.air_refuted
 
 
-def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
+def plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
+    """Return records and their residuals (n, outputs) in units of the noise, as if nothing coloured them."""
     plain = replace(model, whiten=None)
     # The filter takes out where the aircraft began by itself.
     return [(r, plain.over_noise(r, r.columns(plain.outputs) - plain.predict(r))) for r in records]
@@ -299,29 +275,18 @@ def _cost(
 
 
 def smoothed(believed: Believed, air: AirFound, records: Sequence[FlightRecord]) -> list[FlightRecord]:
-    """Return records whose surfaces, where noisy ones drive the model, are what the motion says that they were.
-
-    Args:
-        believed: model, without any filter of residuals.
-        air: that was flown through.
-        records: measured.
-
-    Raises:
-        FlightAborted, LimitError: the believed aircraft does not survive what was recorded.
-    """
+    """Return records whose surfaces, where noisy ones drive the model, are what the motion says that they were."""
     if not believed.surface_noise:
         return list(records)
-    known = filter_in(believed, air)
-    return [_smoothed(believed, known, record) for record in records]
-
-
-def _smoothed(believed: Believed, known: FlightFilter, record: FlightRecord) -> FlightRecord:
-    stirring = {f"{c}_cmd": c for c in surface_noise(record) if believed.surface_noise.get(c)}
-    if not stirring:
-        return record
-    outputs, predicted = believed.outputs, believed.predict(record)
-    left = believed.over_noise(record, record.columns(outputs) - predicted)
-    errors = known.surface_errors(record, left)
-    out = record.with_columns({n: record[n] + errors[c] for n, c in stirring.items()})
-    measured = record.columns(outputs) + believed.predict(out) - predicted
-    return out.with_columns(dict(zip(outputs, measured.T, strict=True)))
+    known, outputs, out = filter_in(believed, air), believed.outputs, []
+    for record in records:
+        stirring = {f"{c}_cmd": c for c in surface_noise(record) if believed.surface_noise.get(c)}
+        if stirring:
+            predicted = believed.predict(record)
+            left = believed.over_noise(record, record.columns(outputs) - predicted)
+            errors = known.surface_errors(record, left)
+            driven = record.with_columns({n: record[n] + errors[c] for n, c in stirring.items()})
+            measured = record.columns(outputs) + believed.predict(driven) - predicted
+            record = driven.with_columns(dict(zip(outputs, measured.T, strict=True)))
+        out.append(record)
+    return out

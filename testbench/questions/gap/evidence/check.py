@@ -1,7 +1,8 @@
 """What is checked before anything is fitted: signs of the controls, and instruments against each other.
 
 A log that counts a control the other way, or a model that does, is no effect that is to be named: every hypothesis
-would be fitted about the wrong model.
+would be fitted about the wrong model. And how different a flight that was held out is from those used: a good fit to
+the same excitation warns of nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from testbench.inference.instruments import Agreement, agreement, without_errors
 from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.commanded import commands
+from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.sensors import SensorSuite
 
 _ABOUT = {"de": ("q", ("V", "alpha", "q")), "da": ("p", ("beta", "p", "r")), "dr": ("r", ("beta", "p", "r"))}
@@ -31,17 +32,11 @@ _TOGETHER_S = 0.5
 
 @dataclass(frozen=True)
 class Turned:
-    """What records say of a control: how it turns the aircraft, as a multiple of how it turns the believed one.
+    """What records say of a control: how it turns the aircraft, as a multiple of how it turns the believed one."""
 
-    Attributes:
-        control: de, da or dr.
-        factor: 1 as believed, about -1 where the signs differ.
-        error: its standard error.
-    """
-
-    control: str
-    factor: float
-    error: float
+    control: str  #: de, da or dr
+    factor: float  #: 1 as believed, about -1 where the signs differ
+    error: float  #: its standard error
 
     @property
     def reversed(self) -> bool:
@@ -51,10 +46,6 @@ class Turned:
 
 def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None:
     """Check that every control that moves turns the aircraft as it turns the believed one.
-
-    Args:
-        believed: model and sensors.
-        records: by name; those that do not begin with quiet flight say so.
 
     Raises:
         RecordError: one turns it the other way, or implausible values say so.
@@ -140,12 +131,7 @@ def _slope(
 
 
 def check_instruments(suite: SensorSuite, records: Sequence[FlightRecord]) -> Agreement:
-    """Return what kinematics say of the instruments beyond the errors that are believed of them.
-
-    Args:
-        suite: believed; its biases, drifts, scales, lags, delays and places are taken out first.
-        records: measured.
-    """
+    """Return what kinematics say of the instruments beyond the errors that are believed of them."""
     return agreement([_without_believed(suite, record) for record in records])
 
 
@@ -159,3 +145,69 @@ def _without_believed(suite: SensorSuite, record: FlightRecord) -> FlightRecord:
             errors["place"] = s.position_m[0]
         known |= {f"{s.channel}_{kind}": x for kind, x in errors.items() if x}
     return without_errors(record.with_columns(columns), known)
+
+
+ALIKE = 0.2  # difference below which a flight warns of little; that of the same command with half of its amplitude
+_BAND_HZ = 0.25  # spectra are compared in bands as wide
+
+
+@dataclass(frozen=True)
+class HeldOutFlight:
+    """How far a flight that was held out is from the nearest of those used."""
+
+    name: str  # of the flight
+    nearest: str  # the flight used that is most like it
+    # 0 for the same controls, amplitudes and spectra at the same dynamic pressure, 1 for nothing shared
+    difference: float
+
+    @property
+    def sentence(self) -> str:
+        """That in words."""
+        found = (
+            f"held-out {self.name} differs by {100.0 * self.difference:.0f} % from {self.nearest}, the most similar "
+            "flight that was used (control, amplitude and spectrum of the command, dynamic pressure)"
+        )
+        return f"{found}: so similar a flight is a weak test" if self.difference < ALIKE else found
+
+
+def differences(
+    believed: Believed, used: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]
+) -> tuple[HeldOutFlight, ...]:
+    """Return how different each flight held out is from those used.
+
+    The likeness of two flights is 2 a'b / (a'a + b'b) of the amplitudes a and b of their commands, by control and band
+    of frequency, each control in units of its rms over all flights; times the ratio of their dynamic pressures. It is
+    one for equal commands whenever they come, and falls with the shape of the spectrum as with its size.
+    """
+    flights = [*used.values(), *held_out.values()]
+    spectra = _spectra(flights)
+    pressures = [believed.at(r).condition.qbar_Pa for r in flights]
+    out = []
+    for i, name in enumerate(held_out, len(used)):
+        likeness, a = [], spectra[i]
+        for b, pressure in zip(spectra[: len(used)], pressures, strict=False):
+            whole = float(np.sum(a * a) + np.sum(b * b))
+            alike = float(2.0 * np.sum(a * b)) / whole if whole > 0.0 else 1.0
+            likeness.append(alike * min(pressures[i], pressure) / max(pressures[i], pressure))
+        k = int(np.argmax(likeness))
+        out.append(HeldOutFlight(name, list(used)[k], 1.0 - likeness[k]))
+    return tuple(out)
+
+
+def _spectra(flights: list[FlightRecord]) -> list[FloatArray]:
+    """Return the amplitudes (controls, bands) of the commands of each flight, each control over its rms in all."""
+    given = [commands(r) for r in flights]
+    controls = list(dict.fromkeys(n for names, _ in given for n in names))
+    dt_s, longest = flights[0].dt_s, max(len(u) for _, u in given)
+    wide = max(1, round(_BAND_HZ * longest * dt_s))
+    amplitudes = []
+    for names, u in given:
+        own = np.zeros((len(controls), longest))
+        for name, column in zip(names, u.T, strict=True):
+            if np.ptp(column) > MOVED:
+                own[controls.index(name), : len(column)] = column
+        power = np.abs(np.fft.rfft(own, axis=1)) ** 2
+        bands = np.add.reduceat(power, np.arange(0, power.shape[1], wide), axis=1)
+        amplitudes.append(np.sqrt(bands))
+    rms = np.sqrt(np.mean([np.sum(a * a, axis=1) for a in amplitudes], axis=0))
+    return [a / np.where(rms > 0.0, rms, 1.0)[:, None] for a in amplitudes]

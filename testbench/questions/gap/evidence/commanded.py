@@ -35,16 +35,14 @@ def rested(suite: SensorSuite, records: Mapping[str, FlightRecord]) -> dict[str,
     """Return records whose commands stand still where no more than the noise of their sensors moves them."""
     told = {s.channel: s.noise_std for s in suite.sensors}
     noise = {c: told[f"{c}_cmd"] for c in CONTROLS if told.get(f"{c}_cmd", 0.0) > 0.0}
-    return {n: _rested(r, noise) for n, r in records.items()} if noise else dict(records)
-
-
-def _rested(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:
-    done: Mapping[str, float] = record.provenance.get(RESTED, {})
-    own = {c: s for c, s in noise.items() if f"{c}_cmd" in record and c not in done}
-    if not own:
-        return record
-    still = {f"{c}_cmd": stilled(record[f"{c}_cmd"], s, record.dt_s) for c, s in own.items()}
-    return replace(record.with_columns(still), provenance={**record.provenance, RESTED: {**done, **own}})
+    out = dict(records)
+    for name, record in records.items():
+        done: Mapping[str, float] = record.provenance.get(RESTED, {})
+        own = {c: s for c, s in noise.items() if f"{c}_cmd" in record and c not in done}
+        if own:
+            still = {f"{c}_cmd": stilled(record[f"{c}_cmd"], s, record.dt_s) for c, s in own.items()}
+            out[name] = replace(record.with_columns(still), provenance={**record.provenance, RESTED: {**done, **own}})
+    return out
 
 
 def stilled(u: FloatArray, noise_std: float, dt_s: float) -> FloatArray:
@@ -56,7 +54,9 @@ def stilled(u: FloatArray, noise_std: float, dt_s: float) -> FloatArray:
     out, window = u.copy(), _window(dt_s)
     for first, last in rests(u, noise_std, dt_s):
         part = u[first:last]
-        local, level = _means(part, window), float(part.mean())
+        total, k = np.concatenate([[0.0], np.cumsum(part)]), np.arange(part.size)
+        begin, end = np.maximum(k - window // 2, 0), np.minimum(k + window // 2 + 1, part.size)
+        local, level = (total[end] - total[begin]) / (end - begin), float(part.mean())  # within half a window of each
         drifts = bool(np.max(np.abs(local - level)) > CRITERIA.stirs * noise_std * np.sqrt(2.0 / window))
         still = local if drifts else np.full_like(part, level)
         out[first:last] = np.where(np.abs(part - still) > CRITERIA.stirs * noise_std, part, still)
@@ -80,13 +80,6 @@ def rests(u: FloatArray, noise_std: float, dt_s: float) -> Iterator[tuple[int, i
 
 def _window(dt_s: float) -> int:
     return max(_FEWEST, round(_WINDOW_S / dt_s))
-
-
-def _means(u: FloatArray, window: int) -> FloatArray:
-    """Return the means (n,) of what lies within half a window of every sample."""
-    total, k = np.concatenate([[0.0], np.cumsum(u)]), np.arange(u.size)
-    first, last = np.maximum(k - window // 2, 0), np.minimum(k + window // 2 + 1, u.size)
-    return np.asarray((total[last] - total[first]) / (last - first))
 
 
 # The believed flight begins northwards in still air, and its linear predictions hold neither heading nor place.
@@ -115,6 +108,7 @@ def not_compared(suite: SensorSuite) -> list[str]:
 
 
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
+LATERAL_CHANNELS = {"beta", "v", "p", "r", "phi", "ay"}
 FREE = "free_start"  # in the provenance of a record that does not begin at trim
 DRIVEN = "driven_by_surface"  # in that of a record whose recorded surfaces stand in place of commands
 BETWEEN = "moves_between_samples"  # in that of a record of a log: controls whose commands move on between samples
@@ -131,9 +125,6 @@ def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
     """Return the controls whose commands the record holds, and their deviations (n, m) from the quiet flight.
 
     Of a record that starts freely they are the deviations from what it says it is measured from.
-
-    Raises:
-        RecordError: no command, or less than half a second of quiet flight.
     """
     names = tuple(n for n in CONTROLS if f"{n}_cmd" in record)
     if not names:
@@ -164,15 +155,13 @@ def between_samples(record: FlightRecord) -> FlightRecord:
     several commands from sample to sample; held until the next sample, both would come half a sample late. A command
     that stands still but for single jumps is held.
     """
-    on = [c for c in CONTROLS if f"{c}_cmd" in record and c not in surface_noise(record)]
-    on = [c for c in on if _steps(record[f"{c}_cmd"])]
+    on = []
+    for control in (c for c in CONTROLS if f"{c}_cmd" in record and c not in surface_noise(record)):
+        u = record[f"{control}_cmd"]
+        way, _ = _ways(u)
+        if way.sum() > MOVED and way[~_isolated(u)].sum() > 0.5 * way.sum():  # most of it step by step
+            on.append(control)
     return replace(record, provenance={**record.provenance, BETWEEN: on}) if on else record
-
-
-def _steps(u: FloatArray) -> bool:
-    """Return whether most of the way of a command (n,) is made in samples that follow each other."""
-    way, _ = _ways(u)
-    return bool(way.sum() > MOVED and way[~_isolated(u)].sum() > 0.5 * way.sum())
 
 
 def _isolated(u: FloatArray) -> NDArray[np.bool_]:
@@ -204,13 +193,7 @@ def starts_freely(record: FlightRecord) -> bool:
 
 
 def freed(record: FlightRecord, key: str, level: Mapping[str, float]) -> FlightRecord:
-    """Return the record, said not to begin at trim.
-
-    Args:
-        record: measured.
-        key: tells its start from those of others.
-        level: control -> command that its commands are deviations from, about that of trim.
-    """
+    """Return the record, said not to begin at trim but where ``key`` tells, its commands deviations from ``level``."""
     return replace(record, provenance={**record.provenance, FREE: {"key": key, "commands": dict(level)}})
 
 
@@ -220,11 +203,7 @@ def key_of_start(record: FlightRecord) -> str:
 
 
 def quiet_samples(record: FlightRecord) -> int:
-    """Return how many samples pass before the first command moves.
-
-    Raises:
-        RecordError: less than half a second.
-    """
+    """Return how many samples pass before the first command moves."""
     count = _still(record)
     if not begins_quietly(record):
         raise RecordError(

@@ -31,12 +31,11 @@ from testbench.flight.linear_model import LAW
 from testbench.inference.linear import prewhitened
 from testbench.information.turbulence import INERTIAL
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.commanded import jumps, surface_noise
+from testbench.questions.gap.evidence.commanded import LATERAL_CHANNELS, jumps, surface_noise
 from testbench.questions.gap.flights import linear_along
 from testbench.questions.gap.starts import record_key
 from testbench.sensors import Sensor
 
-_LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
 _FORMING = 5  # states of the forming filters: one of u, two of v, two of w
 _LAG_SHARE = 0.2  # of a sample: shorter lags and delays of sensors are left out
 # Process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing.
@@ -191,7 +190,7 @@ def _moving(believed: Believed) -> tuple[str, ...]:
         *("u", "w", "q", "theta"),
         *(("h",) if "h" in outputs else ()),
         *modal,
-        *(("v", "p", "r", "phi") if _LATERAL & outputs else ()),
+        *(("v", "p", "r", "phi") if {*LATERAL_CHANNELS, "psi", "pdot", "rdot"} & outputs else ()),
         *(m.name for m in believed.aircraft.memories),
         *believed.linear.fed_back,
         *(s for s in believed.linear.states if s.startswith(LAW)),
@@ -241,19 +240,11 @@ class FlightFilter:
     _along: dict[str, GustFilter] = field(default_factory=dict)
 
     def whiten(self, record: FlightRecord, residuals: FloatArray) -> FloatArray:
-        """Return the white innovations of ``residuals`` (n, p), see :meth:`GustFilter.whiten`.
-
-        Raises:
-            FlightAborted, LimitError: the believed aircraft does not survive the record's commands.
-        """
+        """Return the white innovations of ``residuals`` (n, p), see :meth:`GustFilter.whiten`."""
         return self._of(record).whiten(residuals)
 
     def surface_errors(self, record: FlightRecord, residuals: FloatArray) -> dict[str, FloatArray]:
-        """Return what ``residuals`` (n, p) say of the noise of surfaces that drive: control -> true less recorded (n,).
-
-        Raises:
-            FlightAborted, LimitError: as :meth:`whiten`.
-        """
+        """Return what ``residuals`` (n, p) say of the noise of driving surfaces: control -> true less recorded (n,)."""
         return dict(zip(self.believed.surface_noise, self._of(record).renewing(residuals).T, strict=True))
 
     def _of(self, record: FlightRecord) -> GustFilter:
@@ -266,21 +257,13 @@ class FlightFilter:
 
 @dataclass(frozen=True, eq=False)
 class GustFilter:
-    """The Kalman predictor of a gust model over n samples, x+ = F x + K e with e = y - H x, and S the covariance of e.
+    """The Kalman predictor of a gust model over n samples, x+ = F x + K e, e = y - H x, and S the covariance of e."""
 
-    Attributes:
-        K: (n, states, p) gains; zero in the columns of samples that were not taken.
-        W: (n, p, p) S^(-1/2); the same.
-        H: (n, p, states).
-        log_dets: (n,) log det S.
-        renewed: (n, m, states) covariance of the states that are new at every sample with all of them.
-    """
-
-    K: FloatArray
-    W: FloatArray
-    H: FloatArray
-    log_dets: FloatArray
-    renewed: FloatArray
+    K: FloatArray  # (n, states, p) gains; zero in the columns of samples that were not taken
+    W: FloatArray  # (n, p, p) S^(-1/2); the same
+    H: FloatArray  # (n, p, states)
+    log_dets: FloatArray  # (n,) log det S
+    renewed: FloatArray  # (n, m, states) covariance of the states that are new at every sample with all of them
     _band: FloatArray  # I - (F - K H), all samples stacked: lower triangular, unit diagonal, by diagonals
     _put_in: FloatArray  # (n p, m) what biases and the aircraft's initial state put into innovations
 

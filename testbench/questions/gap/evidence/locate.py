@@ -30,25 +30,18 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import moves_laterally
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
+_WINDOW_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualMap:
-    """Residual energy of one manoeuvre in units of the noise energy: 1 everywhere if the model is right.
+    """Residual energy of one manoeuvre in units of the noise energy: 1 everywhere if the model is right."""
 
-    Attributes:
-        manoeuvre: name.
-        channels: (p,) outputs.
-        by_band: (bands, p) mean squared residual within each frequency band.
-        by_time: (windows, p) mean squared residual within each window of ``window_s``.
-        window_s: length of a window, s.
-    """
-
-    manoeuvre: str
-    channels: tuple[str, ...]
-    by_band: FloatArray
-    by_time: FloatArray
-    window_s: float
+    manoeuvre: str  #: name
+    channels: tuple[str, ...]  #: (p,) outputs
+    by_band: FloatArray  #: (bands, p) mean squared residual within each frequency band
+    by_time: FloatArray  #: (windows, p) mean squared residual within each window of ``window_s``
+    window_s: float  #: length of a window, s
 
     @property
     def sentence(self) -> str:
@@ -63,29 +56,23 @@ class ResidualMap:
 
 
 def locate(
-    name: str,
-    residuals: FloatArray,
-    channels: Sequence[str],
-    dt_s: float,
-    taken: NDArray[np.bool_] | None = None,
-    window_s: float = 1.0,
+    name: str, residuals: FloatArray, channels: Sequence[str], dt_s: float, taken: NDArray[np.bool_]
 ) -> ResidualMap:
     """Return where the residuals (n, p), in units of the noise, have their energy.
 
     ``taken`` (n, p) says which samples were taken; the others are zero. A window without any has no energy.
     """
     n, p = residuals.shape
-    counted = np.ones((n, p), bool) if taken is None else taken
     frequency, power = _periodogram(residuals, dt_s)
-    power = power / np.maximum(counted.mean(axis=0), 1.0 / n)
+    power = power / np.maximum(taken.mean(axis=0), 1.0 / n)
     by_band = np.zeros((len(BANDS_HZ), p))
     for b, (low, high) in enumerate(BANDS_HZ):
         inside = (frequency > low) & (frequency <= high)
         if inside.any():
             by_band[b] = power[inside].mean(axis=0)
-    length = min(n, max(1, round(window_s / dt_s)))
+    length = min(n, max(1, round(_WINDOW_S / dt_s)))
     windows = [slice(i, i + length) for i in range(0, n - length + 1, length)]
-    by_time = np.stack([(residuals[w] ** 2).sum(axis=0) / np.maximum(counted[w].sum(axis=0), 1) for w in windows])
+    by_time = np.stack([(residuals[w] ** 2).sum(axis=0) / np.maximum(taken[w].sum(axis=0), 1) for w in windows])
     return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
 
 
@@ -97,19 +84,12 @@ def _periodogram(residuals: FloatArray, dt_s: float) -> tuple[FloatArray, FloatA
 
 @dataclass(frozen=True)
 class Structure:
-    """Where residuals hold more energy than white noise, all manoeuvres together.
+    """Where residuals hold more energy than white noise, all manoeuvres together."""
 
-    Attributes:
-        channel: output.
-        band_Hz: (low, high).
-        energy: mean squared residual within it, 1 is the noise.
-        probability: that white noise holds as much in any channel and band (Bonferroni's bound).
-    """
-
-    channel: str
-    band_Hz: tuple[float, float]
-    energy: float
-    probability: float
+    channel: str  #: output
+    band_Hz: tuple[float, float]  #: (low, high)
+    energy: float  #: mean squared residual within it, 1 is the noise
+    probability: float  #: that white noise holds as much in any channel and band (Bonferroni's bound)
 
     @property
     def sentence(self) -> str:
@@ -172,21 +152,13 @@ _FEWEST = 20  # samples that a bin needs to say anything
 
 @dataclass(frozen=True, eq=False)
 class RegionMap:
-    """Residual energy over one quantity of the flight, all manoeuvres together, in units of the noise energy.
+    """Residual energy over one quantity of the flight, all manoeuvres together, in units of the noise energy."""
 
-    Attributes:
-        quantity: channel that was measured or commanded.
-        edges: (b + 1,) edges of the bins, SI.
-        channels: (p,) outputs.
-        energy: (b, p) mean squared residual in each bin; NaN where there are too few samples.
-        samples: (b,) number of samples.
-    """
-
-    quantity: str
-    edges: FloatArray
-    channels: tuple[str, ...]
-    energy: FloatArray
-    samples: FloatArray
+    quantity: str  #: channel that was measured or commanded
+    edges: FloatArray  #: (b + 1,) edges of the bins, SI
+    channels: tuple[str, ...]  #: (p,) outputs
+    energy: FloatArray  #: (b, p) mean squared residual in each bin; NaN where there are too few samples
+    samples: FloatArray  #: (b,) number of samples
 
     @property
     def contrast(self) -> float:
@@ -215,7 +187,7 @@ def locate_regions(
     records: Sequence[FlightRecord],
     residuals: Sequence[FloatArray],
     channels: Sequence[str],
-    taken: Sequence[NDArray[np.bool_]] | None = None,
+    taken: Sequence[NDArray[np.bool_]],
 ) -> tuple[RegionMap, ...]:
     """Return where in alpha, V, pitch rate, elevator and throttle the residuals (n, p) have their energy.
 
@@ -223,7 +195,7 @@ def locate_regions(
     record holds, or that hardly moves, is left out. ``taken`` (n, p) as for :func:`locate`.
     """
     energy = np.concatenate([r**2 for r in residuals])
-    counted = np.concatenate([np.ones(r.shape) for r in residuals] if taken is None else [t * 1.0 for t in taken])
+    counted = np.concatenate(taken) * 1.0
     out = []
     for name in (*_REGIONS, *(_LATERAL_REGIONS if moves_laterally(records) else ())):
         if not all(name in r for r in records):
@@ -259,32 +231,20 @@ def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mappi
 
 @dataclass(frozen=True, eq=False)
 class Lacking:
-    """Accelerations of one manoeuvre that the believed model lacks.
+    """Accelerations of one manoeuvre that the believed model lacks."""
 
-    Attributes:
-        manoeuvre: name.
-        t_s: (s + 1,) edges of the stretches, each of which has one value.
-        accelerations: state of the model, such as "w" or "q" -> (s,) what is added to its derivative, SI.
-        std: the same -> (s,) standard errors.
-        kappa: size of the unknown motion, a share of the motion; 0 where nothing is lacking.
-    """
-
-    manoeuvre: str
-    t_s: FloatArray
+    manoeuvre: str  #: name
+    t_s: FloatArray  #: (s + 1,) edges of the stretches, each of which has one value
+    #: state of the model, such as "w" or "q" -> (s,) what is added to its derivative, SI
     accelerations: Mapping[str, FloatArray]
-    std: Mapping[str, FloatArray]
-    kappa: float
+    std: Mapping[str, FloatArray]  #: the same -> (s,) standard errors
+    kappa: float  #: size of the unknown motion, a share of the motion; 0 where nothing is lacking
 
 
 def lacking(believed: Believed, name: str, record: FlightRecord, moved: FloatArray, residuals: FloatArray) -> Lacking:
     """Return what the believed model lacks in one record.
 
-    Args:
-        believed: model and sensors.
-        name: of the manoeuvre.
-        record: measured.
-        moved: (n, p, m) what the pulses do, in units of the noise, those of surfaces left out.
-        residuals: (n, p) of the believed model, likewise.
+    Pulses ``moved`` (n, p, m), those of surfaces left out, and residuals (n, p) are in units of the noise.
     """
     there = believed.at(record)
     states = forced_states(there.linear)

@@ -26,7 +26,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.search.point import Point
 from testbench.sensors import SensorSuite
 
-_KAPPAS = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_KAPPAS: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
 _DRIFT_S = 1.0  # between the knots of an instrument's drift: slower than any noise, quicker than any wander
 _SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of, a colour from 0 before it is one
 _COLOURED = 0.1  # of a sample's variance comes a hundredth from the one before: less is not spoken of
@@ -38,14 +38,10 @@ _AT_REST = 0.01  # of the colour
 
 @dataclass(frozen=True)
 class NoiseFound:
-    """Noise as the records show it.
+    """Noise as the records show it."""
 
-    Attributes:
-        scales: channel -> (true over stated standard deviation, standard error).
-        colour: channel -> correlation from sample to sample; 0 of those that it does not name.
-    """
-
-    scales: Mapping[str, tuple[float, float]]
+    scales: Mapping[str, tuple[float, float]]  # channel -> (true over stated standard deviation, standard error)
+    # channel -> correlation from sample to sample; 0 of those that it does not name
     colour: Mapping[str, float] = field(default_factory=dict)
 
     def corrects(self, believed: Believed) -> Believed:
@@ -82,19 +78,15 @@ class NoiseFound:
         coloured = {n: a for n, a in self.colour.items() if abs(a) > _COLOURED}
         told = ", ".join(f"{n} {a:.2f}" for n, a in coloured.items())
         correlated = f"the noise is correlated from sample to sample ({told})" if told else ""
-        return "; ".join(x for x in (self._scaled, correlated) if x)
-
-    @property
-    def _scaled(self) -> str:
-        off = {n: s for n, (s, e) in self.scales.items() if abs(math.log(s)) > _SURE * e / s}
-        if not off:
-            return ""
-        values, errors = np.array([self.scales[n] for n in off]).T
-        mean = float(np.exp(np.mean(np.log(values))))
-        if len(off) == len(self.scales) and np.all(np.abs(np.log(values / mean)) < _SURE * errors / values):
-            return f"the noise of every channel is {mean:.2f} times the stated noise; the estimated noise is used"
-        told = ", ".join(f"{n} {s:.2f}" for n, s in off.items())
-        return f"the noise differs from the stated noise by factors of {told}; the estimated noise is used"
+        off, scaled = {n: s for n, (s, e) in self.scales.items() if abs(math.log(s)) > _SURE * e / s}, ""
+        if off:
+            values, errors = np.array([self.scales[n] for n in off]).T
+            mean = float(np.exp(np.mean(np.log(values))))
+            scaled = f"differs from the stated noise by factors of {', '.join(f'{n} {s:.2f}' for n, s in off.items())}"
+            if len(off) == len(self.scales) and np.all(np.abs(np.log(values / mean)) < _SURE * errors / values):
+                scaled = f"of every channel is {mean:.2f} times the stated noise"
+            scaled = f"the noise {scaled}; the estimated noise is used"
+        return "; ".join(x for x in (scaled, correlated) if x)
 
 
 def find_noise(
@@ -102,14 +94,7 @@ def find_noise(
 ) -> NoiseFound:
     """Return the noise of the channels that are compared, as measured records show it.
 
-    Args:
-        believed: in still air.
-        records: that a gap is named from.
-        source: where the stated noise comes from; noise that was simulated here is taken as stated.
-        model: the believed aircraft with an effect, if one was found; ``believed`` if not given.
-
-    Raises:
-        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the commands.
+    ``source`` is that of the stated noise; ``model`` is the believed aircraft with an effect, if one was found.
     """
     point = Point.at(believed, model or believed, tuple(records))
     parts = []
@@ -122,11 +107,10 @@ def find_noise(
         U = np.concatenate(unknown, axis=2) / believed.noise_std[:, None]
         U -= np.where(taken[:, :, None], U, 0.0).sum(axis=0) / np.maximum(taken.sum(axis=0), 1)[:, None]
         parts.append((left, -tangents, fewer(U, taken), taken))
-    colour = np.zeros(len(believed.outputs))
-    spread, mean = np.full(len(colour), NOISE_SPREAD[source]), -point.deviations * point.prior_std
+    p, std = len(believed.outputs), point.prior_std
+    colour, spread, mean = np.zeros(p), np.full(p, NOISE_SPREAD[source]), -point.deviations * std
     count = np.sum([taken.sum(axis=0) for *_, taken in parts], axis=0)
-    found: _Scaled | None = None
-    kappas: Sequence[float] = _KAPPAS
+    kappas, begin = _KAPPAS, None
     for _ in range(_ROUNDS):
         blocks = [
             Linearised(
@@ -134,57 +118,31 @@ def find_noise(
             )
             for left, T, U, taken in parts
         ]
-        found = _most_probable(blocks, kappas, mean, point.prior_std, spread, found)
-        kappas = (found.kappa,)
-        before, colour = colour, np.clip(colour + (1.0 - colour**2) * found.correlation, -_MOST, _MOST)
-        likely = np.abs(np.log(found.scales)) <= _PRIORS * spread  # what is far more than the noise moves
+        grams, tried = [Grams.made(block) for block in blocks], []
+        for kappa in kappas:  # beside the unknown motion whose size is most probable
+            tried.append((sized(grams, mean, std, spread, kappa, begin), kappa))
+            begin = tried[-1][0].scales
+        best, kappa = max(tried, key=lambda one: one[0].log_density)
+        kappas, begin = (kappa,), best.scales
+        products, squares = np.zeros(p), np.zeros(p)
+        for block, (found, Sigma) in zip(blocks, expected(grams, begin, kappa, mean, std), strict=True):
+            r = len(found) - block.columns.shape[2]
+            for c in range(p):
+                Z = np.concatenate([block.columns[:, c], block.unknown.response[c, :, :r]], axis=1)
+                counts = block.taken[:, c]
+                Z = np.where(counts[:, None], Z, 0.0)
+                e, spreads = np.where(counts, block.residual[:, c] - Z @ found, 0.0), Z @ Sigma
+                squares[c] += e @ e + np.sum(spreads * Z)
+                products[c] += e[1:] @ e[:-1] + np.sum(spreads[1:] * Z[:-1])
+        correlation, before = products / np.maximum(squares, 1e-12), colour
+        colour = np.clip(colour + (1.0 - colour**2) * correlation, -_MOST, _MOST)
+        likely = np.abs(np.log(begin)) <= _PRIORS * spread  # what is far more than the noise moves
         colour = np.where(likely & (np.abs(colour) * np.sqrt(count) > _SURE), colour, 0.0)
         if np.max(np.abs(colour - before)) < _AT_REST:
             break
-    assert found is not None
-    each = zip(believed.outputs, found.scales.tolist(), found.errors.tolist(), strict=True)
+    each = zip(believed.outputs, best.scales.tolist(), (best.scales * best.log_errors).tolist(), strict=True)
     known = {n: float(a) for n, a in zip(believed.outputs, colour, strict=True) if a}
     return NoiseFound({n: (s, e) for n, s, e in each}, known)
-
-
-@dataclass(frozen=True, eq=False)
-class _Scaled:
-    """Scales (p,) of the noise, their standard errors, its correlation from sample to sample, and kappa beside it."""
-
-    scales: FloatArray
-    errors: FloatArray
-    correlation: FloatArray
-    kappa: float
-
-
-def _most_probable(
-    blocks: Sequence[Linearised],
-    kappas: Sequence[float],
-    mean: FloatArray,
-    std: FloatArray,
-    spread: FloatArray,
-    before: _Scaled | None,
-) -> _Scaled:
-    """Return the noise beside the unknown motion whose size is most probable."""
-    grams = [Grams.made(block) for block in blocks]
-    begin, best, size = None if before is None else before.scales, None, 0.0
-    for kappa in kappas:
-        found = sized(grams, mean, std, spread, kappa, begin)
-        begin = found.scales
-        if best is None or found.log_density > best.log_density:
-            best, size = found, kappa
-    assert best is not None
-    products, squares = np.zeros(len(spread)), np.zeros(len(spread))
-    for block, (found_at, Sigma) in zip(blocks, expected(grams, best.scales, size, mean, std), strict=True):
-        r = len(found_at) - block.columns.shape[2]
-        for c in range(len(spread)):
-            Z = np.concatenate([block.columns[:, c], block.unknown.response[c, :, :r]], axis=1)
-            counts = block.taken[:, c]
-            Z = np.where(counts[:, None], Z, 0.0)
-            e, spreads = np.where(counts, block.residual[:, c] - Z @ found_at, 0.0), Z @ Sigma
-            squares[c] += e @ e + np.sum(spreads * Z)
-            products[c] += e[1:] @ e[:-1] + np.sum(spreads[1:] * Z[:-1])
-    return _Scaled(best.scales, best.scales * best.log_errors, products / np.maximum(squares, 1e-12), size)
 
 
 def _drifts(believed: Believed, record: FlightRecord) -> FloatArray:

@@ -26,39 +26,29 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects.air import LARGEST_M_S, Axis, placed
 from testbench.effects.base import Effect, MetGust
 from testbench.flight.air import Gust
-from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.commanded import starts_freely
+from testbench.questions.gap.evidence.commanded import LATERAL_CHANNELS, starts_freely
 from testbench.questions.gap.search.point import Point, fly_together
 from testbench.questions.gap.starts import manoeuvre_of, record_key
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
 STEP_S = 0.1  # between the starts that are looked at
 LEAST_SHARE = 0.5  # share of the excess that a gust must promise: one that explains less is a gap in several records
-_LATERAL = {"beta", "v", "p", "r", "phi", "ay"}
 _LEAST = 1e-3  # information on the amplitude, (m/s)^-2, below which a start (at the very end) is not looked at
 
 
 @dataclass(frozen=True)
 class FoundGust:
-    """Where one gust explains most.
+    """Where one gust explains most."""
 
-    Attributes:
-        record: its number in the sequence, from 0.
-        axis: component of the air.
-        start_s, duration_s: on the clock of the record.
-        amplitude_m_s: the best one, to first order.
-        gain: fall of chi-square, to first order.
-        looks: number of places that were looked at.
-    """
-
-    record: int
-    axis: Axis
+    record: int  # its number in the sequence, from 0
+    axis: Axis  # component of the air
+    # start_s, duration_s: on the clock of the record
     start_s: float
     duration_s: float
-    amplitude_m_s: float
-    gain: float
-    looks: int
+    amplitude_m_s: float  # the best one, to first order
+    gain: float  # fall of chi-square, to first order
+    looks: int  # number of places that were looked at
 
     @property
     def stands_out(self) -> bool:
@@ -68,36 +58,30 @@ class FoundGust:
 
 @dataclass(frozen=True, eq=False)
 class GustSearch:
-    """Matched filters of a point's records, made once; residuals are searched by :meth:`best`.
+    """Matched filters of a point's records, made once; residuals are searched by :meth:`best`."""
 
-    Attributes:
-        records: the records.
-        places: (axis, duration) of every filter.
-        filters: per record (filters, frequencies, p) conjugate transforms of the responses.
-        information: per record (filters, n) information on the amplitude, by start; 0 where it is not looked at.
-        sizes: per record the length of its transforms.
-    """
-
-    records: tuple[FlightRecord, ...]
-    places: tuple[tuple[Axis, float], ...]
-    filters: tuple[FloatArray, ...]
+    records: tuple[FlightRecord, ...]  # the records
+    places: tuple[tuple[Axis, float], ...]  # (axis, duration) of every filter
+    filters: tuple[FloatArray, ...]  # per record (filters, frequencies, p) conjugate transforms of the responses
+    # per record (filters, n) information on the amplitude, by start; 0 where it is not looked at
     information: tuple[FloatArray, ...]
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # per record the length of its transforms
 
     @classmethod
     def at(cls, point: Point) -> GustSearch:
         """Make the filters of the model of ``point`` in still air."""
-        records, p = point.records, len(point.believed.outputs)
+        records = point.records
         axes: tuple[Axis, ...] = ("north", "down")
-        if _LATERAL & set(point.believed.outputs):
+        if LATERAL_CHANNELS & set(point.believed.outputs):
             axes = (*axes, "east")
         places = tuple((axis, d) for axis in axes for d in DURATIONS_S)
-        T = np.split(point.tangents, np.cumsum([len(r) * p for r in records])[:-1])
         A = cho_factor(point.tangents.T @ point.tangents + np.diag(point.prior_std**-2.0))
-        longest = {id(there): max(own, key=len) for there, own in _by_start(point)}
-        of_start = {key: _responses(point, record, places) for key, record in longest.items()}
+        of_start = {}
+        for there in point.model.at_each(records):
+            longest = max((r for r in records if point.model.at(r) is there), key=len)
+            of_start[id(there)] = _responses(point, longest, places)
         filters, information, sizes = [], [], []
-        for record, tangents in zip(records, T, strict=True):
+        for record, tangents in zip(records, point.by_record(point.tangents), strict=True):
             n = len(record)
             size = next_fast_len(2 * n, real=True)
             R = of_start[id(point.model.at(record))][:, :n]
@@ -107,7 +91,7 @@ class GustSearch:
             square = irfft((V * np.conj(rfft(R**2, size, axis=1))).sum(axis=2), size, axis=1)[:, :n]
             sums = irfft(V * F, size, axis=1)[:, :n]
             square -= (sums**2 / np.maximum(valid.sum(axis=0), 1.0)).sum(axis=2)
-            onto = rfft(tangents.reshape(n, p, -1), size, axis=0)
+            onto = rfft(tangents, size, axis=0)
             G = irfft(np.einsum("fpk,mfp->mfk", onto, F), size, axis=1)[:, :n]
             flat = G.reshape(-1, G.shape[2])
             square -= (flat * cho_solve(A, flat.T).T).sum(axis=1).reshape(square.shape)
@@ -143,12 +127,6 @@ class GustSearch:
         return out
 
 
-def _by_start(point: Point) -> list[tuple[Believed, list[FlightRecord]]]:
-    """Return each condition that the records of a point were flown from, and those flown from there."""
-    model = point.model
-    return [(b, [r for r in point.records if model.at(r) is b]) for b in model.at_each(point.records)]
-
-
 def _responses(point: Point, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
     model, key = replace(point.model.with_nuisances(point.by_name), gusts=()), record_key(record)
@@ -168,10 +146,8 @@ def sought(point: Point, effect: Effect) -> Effect:
     """
     if effect.met is None or point.believed.whiten is not None or point.model.gusts:
         return effect
-    p, records = len(point.believed.outputs), point.records
-    left = point.tuned(point.exact)[0][: point.exact.size]
-    parts = [r.reshape(-1, p) for r in np.split(left, np.cumsum([len(r) * p for r in records])[:-1])]
-    found = GustSearch.at(point).best(parts)
+    left, records = point.tuned(point.exact)[0][: point.exact.size], point.records
+    found = GustSearch.at(point).best(point.by_record(left))
     if found is None or not found.stands_out or found.gain < LEAST_SHARE * (point.chi2 - point.samples):
         return effect
     record = records[found.record]

@@ -27,32 +27,23 @@ STEP = 0.01  # of forward differences of flights by the nuisances, which are fac
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies
-_NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
+NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A model with its nuisances at some values, and its residuals as flown.
+    """A model with its nuisances at some values, and its residuals as flown."""
 
-    Attributes:
-        believed: the believed model without any effect.
-        model: the hypothesis (believed, or with an effect), nuisances as believed.
-        records: the naming records.
-        priors: nuisance -> relative standard deviation of its prior.
-        nuisances: (k,) values of the nuisances, multiples of what is believed, in the order of ``priors``.
-        exact: (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken.
-        slopes: (samples, k) tangents taken over from another point, or None. If they are a little off, a descent takes
-            longer and rests a fraction of the standard errors away; the residuals there are still JSBSim's.
-        starts: where it begins in records that start freely, by their keys (:meth:`.Believed.begun_at`).
-    """
-
-    believed: Believed
-    model: Believed
-    records: tuple[FlightRecord, ...]
-    priors: Mapping[str, float]
-    nuisances: FloatArray
-    exact: FloatArray
+    believed: Believed  # the believed model without any effect
+    model: Believed  # the hypothesis (believed, or with an effect), nuisances as believed
+    records: tuple[FlightRecord, ...]  # the naming records
+    priors: Mapping[str, float]  # nuisance -> relative standard deviation of its prior
+    nuisances: FloatArray  # (k,) values of the nuisances, multiples of what is believed, in the order of ``priors``
+    exact: FloatArray  # (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken
+    # (samples, k) tangents taken over from another point, or None. If they are a little off, a descent takes longer and
+    # rests a fraction of the standard errors away; the residuals there are still JSBSim's.
     slopes: FloatArray | None = None
+    # where it begins in records that start freely, by their keys (:meth:`.Believed.begun_at`)
     starts: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
@@ -67,14 +58,12 @@ class Point:
         """Fly ``model`` with its nuisances at the values ``nuisances`` (k,), or as believed.
 
         ``priors``, if not given, are those that the records ask for (:meth:`.Believed.priors_of`).
-
-        Raises:
-            FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
         priors = believed.priors_of(records) if priors is None else priors
         nuisances = np.ones(len(priors)) if nuisances is None else nuisances
         tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
-        exact = _flown(tuned, records)
+        fly_together([tuned], records)
+        exact = _left(tuned, records)
         return cls(believed, model, records, priors, nuisances, exact, starts=tuned.begun_at(records))
 
     @classmethod
@@ -84,14 +73,11 @@ class Point:
         """Fly the believed model at nuisances that fit beside an unknown motion, or as near to them as it can fly.
 
         There a coefficient that does what is missing may lie where the aircraft cannot be trimmed.
-
-        Raises:
-            FlightAborted, TrimError, LimitError: it cannot fly the measured commands as it is believed.
         """
         priors = believed.priors_of(records)
         far = np.array([nuisances[n] for n in priors]) - 1.0
         for share in SHORTENED:
-            with suppress(*_NOT_FLOWN):
+            with suppress(*NOT_FLOWN):
                 return cls.at(believed, believed, records, 1.0 + share * far, priors)
         return cls.at(believed, believed, records, None, priors)
 
@@ -149,18 +135,18 @@ class Point:
         """
         if self.slopes is not None:
             return self.slopes
-        steps = np.full(self.nuisances.size, STEP)
-        found = ends(lambda some: flown_all(self.from_here(self._beside(some)), self.records), self.nuisances, steps)
+
+        def flown(points: Sequence[FloatArray]) -> list[FloatArray | None]:
+            models = [self.model.with_nuisances(self.named(x)) for x in points]
+            return flown_all(self.from_here(models), self.records)
+
+        found = ends(flown, self.nuisances, np.full(self.nuisances.size, STEP))
         columns = [slope(end, STEP, lambda: self.exact) for end in found]
         return np.column_stack([np.zeros_like(self.exact) if c is None else c for c in columns])
 
     def from_here(self, models: Sequence[Believed]) -> list[Believed]:
         """Return neighbours that begin where this point does: what their starts would change is taken out anyway."""
         return [m.beginning(self.starts, there=True) for m in models]
-
-    def _beside(self, points: Sequence[FloatArray]) -> list[Believed]:
-        """Return the model with its nuisances at each of several values (k,)."""
-        return [self.model.with_nuisances(self.named(x)) for x in points]
 
     @cached_property
     def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:
@@ -228,7 +214,7 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
         for model in models[k : k + some]:
             try:
                 out.append(_left(model, records))
-            except _NOT_FLOWN:
+            except NOT_FLOWN:
                 out.append(None)
     return out
 
@@ -244,7 +230,7 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
         for model, record in product(models, free):
             if model.begins_there:
                 continue
-            with suppress(*_NOT_FLOWN):
+            with suppress(*NOT_FLOWN):
                 if steps:
                     model.begun(record, steps - 1)  # it was flown a round before
                 x, start = model.next_start(record, steps), model.free_start_of(record)
@@ -256,14 +242,9 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
         flights(wanted)
     wanted = []
     for model, record in product(models, records):
-        with suppress(*_NOT_FLOWN):
+        with suppress(*NOT_FLOWN):
             wanted.append(model.wanted_to_read(record))
     flights(wanted)
-
-
-def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    fly_together([model], records)
-    return _left(model, records)
 
 
 def _left(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
@@ -294,19 +275,11 @@ def _rest(here: Point) -> Point:
         for share in SHORTENED:
             moved = here.moved(here.model, here.nuisances + share * (here.towards(nuisances) - here.nuisances))
             if moved is not None and moved.chi2 < here.chi2:
-                kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
+                # With tangents that promise too much, re-tuning may swing about the best point for all its rounds.
+                kept = share == 1.0 and here.chi2 - moved.chi2 >= KEPT * (here.chi2 - float(left @ left))
                 there = moved if kept else replace(moved, slopes=None)
                 break
         if there is None:
             break
         here = there
     return here
-
-
-def _broken(before: float, promised: float, flown: float) -> bool:
-    """Return whether a step gained so much less than its tangents promised that new ones are needed.
-
-    Its arguments are chi-square before the step (infinite if not known, as for the first step), as promised, and as
-    flown. With old tangents, re-tuning may swing about the best point for all its rounds.
-    """
-    return before - flown < KEPT * (before - promised)
