@@ -62,37 +62,22 @@ POSITIVE = {"de": "trailing edge down", "da": "right wing down", "dr": "trailing
 
 @dataclass(frozen=True)
 class CardText:
-    """The words of a card.
+    """The words of a card."""
 
-    Attributes:
-        status: how it went in the simulator, in one sentence.
-        standing: what is to be done with it, in a word or two.
-        setup: (what, value).
-        sequence: lines on the control sequence.
-        limits: (limit, range, what to do when it is met, who watches it and where it comes from).
-        modes: (mode, frequency, damping here, predicted at the next point).
-        before: go or no-go before the run, one line each.
-        go: the rule for a go to the next speed, in one sentence.
-        hazards: what may go wrong in this manoeuvre, and what is done then.
-        calls: what anybody calls "knock it off" for, and what follows, one line each.
-        emergency: what is done when something fails, as the plan says.
-        log: what to log.
-        notes: accuracy, band, limits met at full amplitude.
-    """
-
-    status: str
-    standing: str
-    setup: tuple[tuple[str, str], ...]
-    sequence: tuple[str, ...]
+    status: str  # how it went in the simulator, in one sentence
+    standing: str  # what is to be done with it, in a word or two
+    setup: tuple[tuple[str, str], ...]  # (what, value)
+    sequence: tuple[str, ...]  # lines on the control sequence
+    # (limit, range, what to do when it is met, who watches it and where it comes from)
     limits: tuple[tuple[str, str, str, str], ...]
-    modes: tuple[tuple[str, str, str, str], ...]
-    before: tuple[str, ...]
-    go: str
-    hazards: tuple[str, ...]
-    calls: tuple[str, ...]
-    emergency: tuple[str, ...]
-    log: tuple[str, ...]
-    notes: tuple[str, ...]
+    modes: tuple[tuple[str, str, str, str], ...]  # (mode, frequency, damping here, predicted at the next point)
+    before: tuple[str, ...]  # go or no-go before the run, one line each
+    go: str  # the rule for a go to the next speed, in one sentence
+    hazards: tuple[str, ...]  # what may go wrong in this manoeuvre, and what is done then
+    calls: tuple[str, ...]  # what anybody calls "knock it off" for, and what follows, one line each
+    emergency: tuple[str, ...]  # what is done when something fails, as the plan says
+    log: tuple[str, ...]  # what to log
+    notes: tuple[str, ...]  # accuracy, band, limits met at full amplitude
 
 
 def card_stem(card: Card) -> str:

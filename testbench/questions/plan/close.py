@@ -37,37 +37,23 @@ _INSIDE = 0.8  # judged: a smaller part of the samples inside a 95 % band is no 
 
 @dataclass(frozen=True, eq=False)
 class FlownRun:
-    """A run of a card that was found in a log.
+    """A run of a card that was found in a log."""
 
-    Attributes:
-        card: that was flown.
-        log: name of its file.
-        start_s: start of the input on the clock of the record.
-        likeness: of the recorded command to the card's, at most 1; of a broken run up to where it was broken off.
-        V_m_s: mean airspeed of the settling time; None if the log has none.
-        inside: channel -> part of the samples inside the card's 95 % band, deviations from the settling time.
-        faults: why it must be repeated, in words; empty if it need not.
-        met: whether the aircraft met a limit.
-        odd: what no aircraft explains of instruments, in sentences.
-        strange: channels that left the band of the card: the aircraft is not as believed. That is no fault of the run.
-        record: from the settling time to the end of the manoeuvre.
-        gain: amplitude of the recorded command over the card's; negative where its sign is the other one.
-        broken_s: when it was broken off, from the start of the input; None if it was not.
-    """
-
-    card: Card
-    log: str
-    start_s: float
-    likeness: float
-    V_m_s: float | None
+    card: Card  # that was flown
+    log: str  # name of its file
+    start_s: float  # start of the input on the clock of the record
+    likeness: float  # of the recorded command to the card's, at most 1; of a broken run up to where it was broken off
+    V_m_s: float | None  # mean airspeed of the settling time; None if the log has none
+    # channel -> part of the samples inside the card's 95 % band, deviations from the settling time
     inside: dict[str, float]
-    faults: tuple[str, ...]
-    record: FlightRecord
-    gain: float = 1.0
-    broken_s: float | None = None
-    met: bool = False
+    faults: tuple[str, ...]  # why it must be repeated, in words; empty if it need not
+    record: FlightRecord  # from the settling time to the end of the manoeuvre
+    gain: float = 1.0  # amplitude of the recorded command over the card's; negative where its sign is the other one
+    broken_s: float | None = None  # when it was broken off, from the start of the input; None if it was not
+    met: bool = False  # whether the aircraft met a limit
+    # channels that left the band of the card: the aircraft is not as believed. That is no fault of the run.
     strange: tuple[str, ...] = ()
-    odd: tuple[str, ...] = ()
+    odd: tuple[str, ...] = ()  # what no aircraft explains of instruments, in sentences
 
     @property
     def anomalies(self) -> tuple[str, ...]:

@@ -46,26 +46,18 @@ from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card, Plan
 
 RECORDS, DESCRIPTIONS = "records", "identify"
-FALSE_ALARM = 0.01
-"""Probability that runs which differ by their errors alone are said to scatter."""
+FALSE_ALARM = 0.01  # probability that runs which differ by their errors alone are said to scatter
 _LEAST_TRIM_S = 0.5  # of undisturbed flight, from which its mean is the trim
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the runs of a card say of one target.
+    """What the runs of a card say of one target."""
 
-    Attributes:
-        value: of all runs together.
-        stated: standard error that the estimator states.
-        scatter: factor on it by which the runs' own estimates differ; 1 if by no more than chance.
-        believed: whether the data decide it, as :class:`FoundDerivative` says it.
-    """
-
-    value: float
-    stated: float
-    scatter: float
-    believed: str
+    value: float  # of all runs together
+    stated: float  # standard error that the estimator states
+    scatter: float  # factor on it by which the runs' own estimates differ; 1 if by no more than chance
+    believed: str  # whether the data decide it, as :class:`FoundDerivative` says it
 
     @property
     def error(self) -> float:
@@ -75,40 +67,26 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class FlownCard:
-    """A card and what its runs said.
+    """A card and what its runs said."""
 
-    Attributes:
-        card: of the plan.
-        runs: that are identified: flown as the card says.
-        promise: of its design, or of the plan by information; None if nobody promised anything.
-        by_design: whether the promise is that of a design.
-        reason: why nothing was identified, in words; "" if it was.
-        estimates: target -> what was found; empty if nothing was identified.
-        bends: target -> what the estimator finds in the expected response of the card, free of noise and gusts, less
-            the believed value; only where no flights of a design were simulated.
-        here: target -> believed value over that of the card, at the recorded speed and height; empty if unknown.
-        V_m_s: mean airspeed of the runs before their inputs; None if it was not logged.
-        V_offset_m_s: offset that the file of the airspeed sensor states.
-        recipe: how it was identified; None if not.
-        found: the identification; None if there is none.
-        file: description of the runs; None if there is none.
-        notes: in sentences.
-    """
-
-    card: Card
-    runs: tuple[FlownRun, ...]
-    promise: Promise | None
-    by_design: bool
-    reason: str = ""
+    card: Card  # of the plan
+    runs: tuple[FlownRun, ...]  # that are identified: flown as the card says
+    promise: Promise | None  # of its design, or of the plan by information; None if nobody promised anything
+    by_design: bool  # whether the promise is that of a design
+    reason: str = ""  # why nothing was identified, in words; "" if it was
+    # target -> what was found; empty if nothing was identified
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    # target -> what the estimator finds in the expected response of the card, free of noise and gusts, less the
+    # believed value; only where no flights of a design were simulated
     bends: Mapping[str, float] = field(default_factory=dict)
+    # target -> believed value over that of the card, at the recorded speed and height; empty if unknown
     here: Mapping[str, float] = field(default_factory=dict)
-    V_m_s: float | None = None
-    V_offset_m_s: float = 0.0
-    recipe: FlownRecipe | None = None
-    found: Identified | None = None
-    file: Path | None = None
-    notes: tuple[str, ...] = ()
+    V_m_s: float | None = None  # mean airspeed of the runs before their inputs; None if it was not logged
+    V_offset_m_s: float = 0.0  # offset that the file of the airspeed sensor states
+    recipe: FlownRecipe | None = None  # how it was identified; None if not
+    found: Identified | None = None  # the identification; None if there is none
+    file: Path | None = None  # description of the runs; None if there is none
+    notes: tuple[str, ...] = ()  # in sentences
 
     @property
     def case(self) -> Case | None:

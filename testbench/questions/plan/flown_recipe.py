@@ -33,23 +33,14 @@ _OUTPUTS = ("output_biases", "output_trends")
 
 @dataclass(frozen=True, eq=False)
 class FlownRecipe:
-    """What is identified from the runs of a card, and with what.
+    """What is identified from the runs of a card, and with what."""
 
-    Attributes:
-        identification: the table ``identification`` of a description.
-        servo: the table ``servo`` of it: what is not known of servos.
-        channels: of the records that it needs.
-        design: file of the design whose estimator it is; None if the channels decided.
-        missing: outputs that the design identifies from and the log does not hold.
-        notes: what was chosen or left out, in sentences.
-    """
-
-    identification: Mapping[str, Any]
-    servo: Mapping[str, Any]
-    channels: tuple[str, ...]
-    design: Path | None
-    missing: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    identification: Mapping[str, Any]  # the table ``identification`` of a description
+    servo: Mapping[str, Any]  # the table ``servo`` of it: what is not known of servos
+    channels: tuple[str, ...]  # of the records that it needs
+    design: Path | None  # file of the design whose estimator it is; None if the channels decided
+    missing: tuple[str, ...] = ()  # outputs that the design identifies from and the log does not hold
+    notes: tuple[str, ...] = ()  # what was chosen or left out, in sentences
 
 
 def design_file(plan: Plan, card: Card) -> Path | None:

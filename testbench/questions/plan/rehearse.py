@@ -26,12 +26,9 @@ from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Plan, Run
 from testbench.questions.plan.scenario import commanded
 
-DRAWS = 20
-"""Draws of an aircraft of which one must trim."""
-QUIET_S = 3.0
-"""Undisturbed flight before the settling time of every run."""
-AFTER_S = 5.5
-"""Flight with the controls at trim after every run, as import wants the response to end in."""
+DRAWS = 20  # draws of an aircraft of which one must trim
+QUIET_S = 3.0  # undisturbed flight before the settling time of every run
+AFTER_S = 5.5  # flight with the controls at trim after every run, as import wants the response to end in
 
 
 def rehearse(

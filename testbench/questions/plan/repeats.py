@@ -226,21 +226,13 @@ def schedule(
 
 @dataclass(frozen=True)
 class Leg:
-    """How the runs of a card lie in the box.
+    """How the runs of a card lie in the box."""
 
-    Attributes:
-        run_m: way of one run over ground, the strongest wind from behind.
-        radius_m: radius of the turn back through the air, V^2 / (g tan bank).
-        runs: that fit between the turns at both ends.
-        turns: back, for all repeats of the card.
-        turn_s: time of one turn of 180 degrees.
-    """
-
-    run_m: float
-    radius_m: float
-    runs: int
-    turns: int
-    turn_s: float
+    run_m: float  # way of one run over ground, the strongest wind from behind
+    radius_m: float  # radius of the turn back through the air, V^2 / (g tan bank)
+    runs: int  # that fit between the turns at both ends
+    turns: int  # back, for all repeats of the card
+    turn_s: float  # time of one turn of 180 degrees
 
 
 def turn_back(V_m_s: float, space: Airspace) -> tuple[float, float]:

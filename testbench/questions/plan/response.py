@@ -36,8 +36,7 @@ _LOG_HZ = 100.0
 _HALVINGS = 6
 _LEAST_FACTOR = 0.05
 _SIGMAS = 1.96  # 95 % of a normal deviate
-Bands = dict[str, tuple[float, float]]
-"""Channel -> (lowest, highest) absolute value."""
+Bands = dict[str, tuple[float, float]]  # channel -> (lowest, highest) absolute value
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +87,11 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """What flies the cards of a plan: those of a round are flown at once where they are many.
+    """What flies the cards of a plan: those of a round are flown at once where they are many."""
 
-    Attributes:
-        aircraft: what flies.
-        flier: what flies it.
-        period_ms: of the script that commands: each value is held as long; None for a pilot.
-    """
-
-    aircraft: Aircraft
-    flier: Flier = field(default_factory=Flier)
-    period_ms: int | None = None
+    aircraft: Aircraft  # what flies
+    flier: Flier = field(default_factory=Flier)  # what flies it
+    period_ms: int | None = None  # of the script that commands: each value is held as long; None for a pilot
 
     def signal(self, task: Task, factor: float) -> InputSignal:
         """Return what is commanded at a factor on the amplitude, as it is flown: drawn by hand, or sampled and held."""

@@ -31,46 +31,30 @@ Status = Literal["fly", "scaled", "refused"]
 
 @dataclass(frozen=True)
 class ModeAt:
-    """A mode at a point.
+    """A mode at a point."""
 
-    Attributes:
-        name: of the mode.
-        elastic: whether the structure vibrates in it.
-        f_hz: natural frequency.
-        zeta: predicted damping ratio here; the least one of a mode that has split into two roots.
-        zeta_next: predicted at the next speed of the build-up, or None after the last one.
-    """
-
-    name: str
-    elastic: bool
-    f_hz: float
-    zeta: float
-    zeta_next: float | None
+    name: str  # of the mode
+    elastic: bool  # whether the structure vibrates in it
+    f_hz: float  # natural frequency
+    zeta: float  # predicted damping ratio here; the least one of a mode that has split into two roots
+    zeta_next: float | None  # predicted at the next speed of the build-up, or None after the last one
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One speed and height of the build-up.
+    """One speed and height of the build-up."""
 
-    Attributes:
-        number: from 1, in the order of flying.
-        V_m_s, h_m: true airspeed and height above sea level.
-        trimmed, model: the aircraft there.
-        power_W: drawn from battery or fuel in level flight.
-        onset: the first onset of an elastic instability with rising speed at this height; None without one.
-        modes: predicted modes.
-        next_V_m_s: next speed of the build-up at this height.
-    """
-
-    number: int
+    number: int  # from 1, in the order of flying
+    # V_m_s, h_m: true airspeed and height above sea level
     V_m_s: float
     h_m: float
+    # trimmed, model: the aircraft there
     trimmed: TrimmedFlight
     model: LinearModel
-    power_W: float
-    onset: Onset | None
-    modes: tuple[ModeAt, ...]
-    next_V_m_s: float | None
+    power_W: float  # drawn from battery or fuel in level flight
+    onset: Onset | None  # the first onset of an elastic instability with rising speed at this height; None without one
+    modes: tuple[ModeAt, ...]  # predicted modes
+    next_V_m_s: float | None  # next speed of the build-up at this height
 
     @property
     def margin(self) -> float | None:
@@ -119,34 +103,22 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """One manoeuvre at one point.
+    """One manoeuvre at one point."""
 
-    Attributes:
-        number: from 1, in the order of flying.
-        point, spec: where and what.
-        status: "fly" as given, "scaled" to ``factor``, or "refused".
-        factor: on the amplitudes of the scenario.
-        met: limits that the manoeuvre breaks in the simulator at the amplitude of the scenario, in words.
-        signal: what is commanded, deviations from trim, at the rate of the simulator.
-        expected: the response in the simulator, up to where the flight ended; t = 0 is the start of the input.
-        band: channel -> (n,) half width of the 95 % band about ``expected``.
-        limits: that hold.
-        repeats: number of runs; 0 for a refused card.
-        reached: accuracy, if it sets the repeats.
-    """
-
-    number: int
+    number: int  # from 1, in the order of flying
+    # point, spec: where and what
     point: Point
     spec: PlannedManoeuvre
-    status: Status
-    factor: float
-    met: tuple[str, ...]
-    signal: InputSignal
+    status: Status  # "fly" as given, "scaled" to ``factor``, or "refused"
+    factor: float  # on the amplitudes of the scenario
+    met: tuple[str, ...]  # limits that the manoeuvre breaks in the simulator at the amplitude of the scenario, in words
+    signal: InputSignal  # what is commanded, deviations from trim, at the rate of the simulator
+    # the response in the simulator, up to where the flight ended; t = 0 is the start of the input
     expected: FlightRecord
-    band: Mapping[str, FloatArray]
-    limits: tuple[Limit, ...]
-    repeats: int
-    reached: tuple[Reached, ...]
+    band: Mapping[str, FloatArray]  # channel -> (n,) half width of the 95 % band about ``expected``
+    limits: tuple[Limit, ...]  # that hold
+    repeats: int  # number of runs; 0 for a refused card
+    reached: tuple[Reached, ...]  # accuracy, if it sets the repeats
 
     @property
     def title(self) -> str:

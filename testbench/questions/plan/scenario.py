@@ -14,8 +14,7 @@ from testbench.core.schema import NonNegative, Positive, Strict, Text
 from testbench.inputs import InputSignal, build
 
 _NOT_BY_HAND = ("multisine", "prbs", "gbn")
-HEAVY_KG = 150.0
-"""Aircraft above it burn fuel, and are flown in knots and feet, where a plan does not say otherwise."""
+HEAVY_KG = 150.0  # aircraft above it burn fuel, and are flown in knots and feet, where a plan does not say otherwise
 Share = Annotated[float, Field(gt=0.0, le=100.0)]
 
 

@@ -40,10 +40,8 @@ from testbench.questions.plan.result import Card, Plan
 
 Verdict = Literal["reached", "not reached", "found", "not identifiable", "not flown"]
 """Found: known, and nothing was promised or wanted of it."""
-SLACK = 1.25
-"""Judged: a promise by information alone is kept within a quarter."""
-MOST = 50
-"""Judged: more runs than this are no plan."""
+SLACK = 1.25  # judged: a promise by information alone is kept within a quarter
+MOST = 50  # judged: more runs than this are no plan
 _WEAK = 0.95  # of the card's amplitude, below which that is named
 _SLOWER = 0.9  # of the rate of the sensors, below which that of the log is named
 _NOISIER = 1.5  # residuals over the noise of the sensor, from which something else is in them
@@ -52,39 +50,23 @@ _CLIPPED = 0.03  # of the samples of a run, at which a control stays at its extr
 
 @dataclass(frozen=True)
 class Target:
-    """One target of one card.
+    """One target of one card."""
 
-    Attributes:
-        name: "M_q", "wn of short period".
-        believed: value of the believed aircraft at the condition of the card.
-        here: the same at the recorded speed and height.
-        wanted: standard error that was asked for; NaN if none was.
-        promised: standard error of ``runs`` runs by information; NaN if there is no promise.
-        realised: (rms, low, high) of ``runs`` runs by simulation, with the 95 % interval of one run's; None if it was
-            not computed.
-        runs: that are counted: those flown, else those planned.
-        estimate: flown; None if not.
-        error: its standard error, with scatter and what simulation adds; NaN without one.
-        allowed: the largest error that keeps the promise; NaN if there is none.
-        differs: (estimate - here) in standard errors; NaN if not known.
-        verdict: see :data:`Verdict`.
-        causes: what makes the error larger than promised, the likeliest first, in sentences.
-        more: runs that are still to be flown for the wanted error, or else the promise; None if no number reaches it.
-    """
-
-    name: str
-    believed: float
-    here: float
-    wanted: float
-    promised: float
+    name: str  # "M_q", "wn of short period"
+    believed: float  # value of the believed aircraft at the condition of the card
+    here: float  # the same at the recorded speed and height
+    wanted: float  # standard error that was asked for; NaN if none was
+    promised: float  # standard error of ``runs`` runs by information; NaN if there is no promise
+    # (rms, low, high) of ``runs`` runs by simulation, with the 95 % interval of one run's; None if it was not computed
     realised: tuple[float, float, float] | None
-    runs: int
-    estimate: Estimate | None
-    error: float
-    allowed: float
-    differs: float
-    verdict: Verdict
-    causes: tuple[str, ...]
+    runs: int  # that are counted: those flown, else those planned
+    estimate: Estimate | None  # flown; None if not
+    error: float  # its standard error, with scatter and what simulation adds; NaN without one
+    allowed: float  # the largest error that keeps the promise; NaN if there is none
+    differs: float  # (estimate - here) in standard errors; NaN if not known
+    verdict: Verdict  # see :data:`Verdict`
+    causes: tuple[str, ...]  # what makes the error larger than promised, the likeliest first, in sentences
+    # runs that are still to be flown for the wanted error, or else the promise; None if no number reaches it
     more: int | None
     beyond: float = 1.0
     lasting: float = 0.0
@@ -104,19 +86,12 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class JudgedCard:
-    """A card with the verdicts on its targets.
+    """A card with the verdicts on its targets."""
 
-    Attributes:
-        flown: the card and what its runs said.
-        targets: of the promise; without one all derivatives that were found.
-        missing: runs of the plan that are still to be flown.
-        go: "" if it may be flown next, else why not, in words.
-    """
-
-    flown: FlownCard
-    targets: tuple[Target, ...]
-    missing: int
-    go: str
+    flown: FlownCard  # the card and what its runs said
+    targets: tuple[Target, ...]  # of the promise; without one all derivatives that were found
+    missing: int  # runs of the plan that are still to be flown
+    go: str  # "" if it may be flown next, else why not, in words
 
     @property
     def card(self) -> Card:

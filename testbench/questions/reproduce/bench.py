@@ -36,8 +36,7 @@ TRANSFER_FUNCTIONS = {
 """Taurus paper: output per elevator -> (where, numerator, denominator) in falling powers of s."""
 
 RUNS, LONGITUDINAL, LATERAL = 63, 37, 26
-DOUBLET_S, LOG_HZ, SHARE_PERCENT = 2.0, 8.0, (70, 30)
-"""Taurus paper, sections IV, V and VII."""
+DOUBLET_S, LOG_HZ, SHARE_PERCENT = 2.0, 8.0, (70, 30)  # taurus paper, sections IV, V and VII
 
 TAURUS_TABLE_1_IN = {"wing area": 435.0, "span": 50.0, "chord": 11.0}
 TAURUS_TAIL_IN = {"span": 7.0, "area": 89.0, "chord": 2.0, "aspect ratio": 1.23, "elevator chord": 4.0}
@@ -46,8 +45,7 @@ TAURUS_ASPECT_RATIO, ELEVATOR_DEG, RUDDER_DEG = 6.7, 12.5, 25.0
 
 EOLO_TABLE_1 = {"S": 0.846, "c": 0.2311, "b": 4.0, "mass": 8.87, "Ixx": 2.53, "Iyy": 1.60, "Izz": 3.96}
 EOLO_ASPECT_RATIO = 18.91
-STATED_INPUTS = 2
-"""EOLO paper, section 3.2: "two system inputs, and three measured outputs"."""
+STATED_INPUTS = 2  # EOLO paper, section 3.2: "two system inputs, and three measured outputs"
 EOLO_TABLE_2 = {
     "1st symmetric wing bending": (4.6, 1.6),
     "Tail-boom torsion": (7.7, 2.1),

@@ -91,8 +91,7 @@ class Outcome:
         return float(np.median(self.errors[mode]))
 
 
-Outcomes = Mapping[tuple[str, str, bool], Outcome]
-"""(motion, horizons, with the vane) -> outcome."""
+Outcomes = Mapping[tuple[str, str, bool], Outcome]  # (motion, horizons, with the vane) -> outcome
 
 
 def outcome(motion: Motion, spec: Estimator, with_vane: bool) -> Outcome:

@@ -23,8 +23,7 @@ from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 
 OUTPUTS = ("q", "V", "theta")
-BAND = (1.0, BAND_RAD_S)
-"""rad/s: above the phugoid, below the end of the paper's input."""
+BAND = (1.0, BAND_RAD_S)  # rad/s: above the phugoid, below the end of the paper's input
 NEAR_DB, FAR_DB = 3.0, 6.0
 _FLOWN_M_S = 16.0
 

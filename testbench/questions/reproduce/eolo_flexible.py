@@ -39,8 +39,7 @@ _SEEDS = 4
 STEPS, SINE = "3-2-1-1", "multisine to 24 Hz"
 RIGID, ACCELEROMETERS, STRAIN = SUITES
 _TWELVE_STATES = subspace("cva", 12, 30, 30, direct=True)
-SYMMETRIC = (1, 5, 7)
-"""Numbers of EOLO's symmetric modes: first bending, first torsion, second bending."""
+SYMMETRIC = (1, 5, 7)  # numbers of EOLO's symmetric modes: first bending, first torsion, second bending
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,7 @@ class Found:
 
 
 _WITH = dict(zip(SUITES, ("no instruments on the wing", "five accelerometers", "five strain gauges"), strict=True))
-Results = dict[tuple[str, str, bool], dict[str, Found]]
-"""(input, suite, with noise) -> mode -> how well it came out."""
+Results = dict[tuple[str, str, bool], dict[str, Found]]  # (input, suite, with noise) -> mode -> how well it came out
 Coordinates = Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]]
 
 

@@ -18,8 +18,7 @@ from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 
 CHOSEN, NONE, FIVE = "6 3-2-1-1 of 0.4 s", "eolo_no_alpha", "eolo_five_accelerometers"
-EXCITED_DB = 10.0
-"""Response over noise from which a mode counts as excited."""
+EXCITED_DB = 10.0  # response over noise from which a mode counts as excited
 Shares = tuple[float, float, float]
 """Percent of energy below 10 rad/s, frequency below which 95 % lie (rad/s), octaves within 10 dB of the peak."""
 

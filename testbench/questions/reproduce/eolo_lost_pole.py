@@ -47,8 +47,7 @@ SEEDS = 12
 FUTURES = (3, 4, 8, 16, 24, 32, 48)
 FAST = "short period, fast root"
 PAPER, PLAIN, VANE = f"J = {EOLO_PAST}, no α", "J = 40, no α", "J = 40, with α"
-RIGHT = 0.25
-"""Relative distance up to which the fast root counts as found."""
+RIGHT = 0.25  # relative distance up to which the fast root counts as found
 _FRACTION = 0.5002  # of the window, as in eolo_table3
 
 

@@ -53,10 +53,8 @@ PRINTED_ORDER = 4
 Own = Mapping[int, Mapping[str, tuple[float, float, float, float]]]
 """Order -> output -> MRSE: identification and validation with the initial state fitted, the same from rest."""
 
-SEPARATE = 1.5
-"""Size over the noise floor from which a singular value counts as a state."""
-STILL = (95.0, 105.0)
-"""MRSE in percent that a prediction of no motion gets, about."""
+SEPARATE = 1.5  # size over the noise floor from which a singular value counts as a state
+STILL = (95.0, 105.0)  # MRSE in percent that a prediction of no motion gets, about
 
 
 def section(say: Say) -> Section:

@@ -15,10 +15,8 @@ if TYPE_CHECKING:
     from testbench.core.record import FloatArray
 
 
-SAME = 0.10
-"""Relative distance up to which a number agrees."""
-FACTOR = 2.0
-"""Ratio up to which a number agrees in kind."""
+SAME = 0.10  # relative distance up to which a number agrees
+FACTOR = 2.0  # ratio up to which a number agrees in kind
 
 LAWS = (
     f"A number “agrees” if ours lies within {100 * SAME:.0f} % of the printed one, “agrees in kind” if within a factor "
@@ -58,45 +56,29 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Equation:
-    """One equation of a paper.
+    """One equation of a paper."""
 
-    Attributes:
-        number: as in the paper.
-        mathml: the inside of a MathML element ``math``, which browsers show without any script or network.
-        text: the same in one line of plain text.
-        words: what it is, and where it is used here.
-    """
-
-    number: str
-    mathml: str
-    text: str
-    words: str
+    number: str  # as in the paper
+    mathml: str  # the inside of a MathML element ``math``, which browsers show without any script or network
+    text: str  # the same in one line of plain text
+    words: str  # what it is, and where it is used here
 
 
 @dataclass(frozen=True)
 class Section:
-    """One part of a paper's results, or one of its open questions.
+    """One part of a paper's results, or one of its open questions."""
 
-    Attributes:
-        name: short, fit for a file name.
-        title: what it is about.
-        findings: sentences, the most important first.
-        comparisons: printed beside ours.
-        checks: printed numbers beside those that follow from other printed numbers.
-        equations: of the paper, as this section uses or checks them.
-        head: the finding in one sentence of 25 words at most, if it stands on the first screen; the section's first
-            plate shows it.
-        tables, plates: the data behind the findings; their names carry the section's, so that files do not collide.
-    """
-
-    name: str
-    title: str
-    findings: tuple[str, ...]
-    comparisons: tuple[Comparison, ...] = ()
+    name: str  # short, fit for a file name
+    title: str  # what it is about
+    findings: tuple[str, ...]  # sentences, the most important first
+    comparisons: tuple[Comparison, ...] = ()  # printed beside ours
+    # tables, plates: the data behind the findings; their names carry the section's, so that files do not collide
     tables: tuple[Table, ...] = ()
     plates: tuple[Plate, ...] = ()
-    checks: tuple[Comparison, ...] = ()
-    equations: tuple[Equation, ...] = ()
+    checks: tuple[Comparison, ...] = ()  # printed numbers beside those that follow from other printed numbers
+    equations: tuple[Equation, ...] = ()  # of the paper, as this section uses or checks them
+    # the finding in one sentence of 25 words at most, if it stands on the first screen; the section's first plate shows
+    # it
     head: str = ""
 
     @property

@@ -54,8 +54,7 @@ from testbench.sensors import SensorSuite, load_suite
 OUTPUTS = ("theta", "q", "u", "h")
 CUTOFFS_HZ = (0.3, 0.4, 0.6, 0.8, 1.2, 1.6, 2.4)
 PAPER_LIKE_HZ = 0.4
-FOLLOWS = 0.7
-"""Power of the cut-off from which the fast pole is said to follow it."""
+FOLLOWS = 0.7  # power of the cut-off from which the fast pole is said to follow it
 _LATERAL = {"theta": "phi", "q": "p", "u": "u", "h": "h"}
 _FOUR_POLES = TransferFunctions(method="transfer_function", poles=4, zeros=(0, 1, 2, 3))
 _SHOWN = {"de": ("theta", "q"), "thr": ("u", "h"), "da": ("phi", "p"), "dr": ("phi", "p")}

@@ -23,8 +23,7 @@ RATES_HZ = (LOG_HZ, 40.0)
 CUTOFFS_HZ = (0.4, 3.0, None)
 PAPER = (DOUBLET_S, LOG_HZ, 0.4)
 """Doublet, log and filter that give poles like the printed ones; the paper does not say where its filter ended."""
-NEAR = 40.0
-"""Distance in percent up to which a pole is said to be near the short period."""
+NEAR = 40.0  # distance in percent up to which a pole is said to be near the short period
 LOOP_DEG, LOOP_AMPLITUDE_DEG, LOOP_PERIODS_S = 90.0, 4.0, (2.0, 3.0, 4.0)
 _FLIGHTS = 8
 _FOUR_POLES = TransferFunctions(method="transfer_function", poles=4, zeros=(0, 1, 2, 3))

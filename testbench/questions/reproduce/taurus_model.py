@@ -35,10 +35,8 @@ _FIGURE = {"theta": "figure 5", "h": "figure 6", "u": "figure 7", "q": "figure 8
 _ORDER = ("theta", "q", "u", "h")
 _SAMPLING_LIMIT = np.pi * LOG_HZ  # rad/s
 GOOD_FIT_PERCENT, FAIR_FIT_PERCENT = 80.0, 60.0
-APART = 1.2
-"""Ratio of the largest to the smallest fast pole from which outputs are said to have different ones."""
-NEAR_MODE = 0.2
-"""|ln(found / true)| up to which a pole counts as a mode of the aircraft."""
+APART = 1.2  # ratio of the largest to the smallest fast pole from which outputs are said to have different ones
+NEAR_MODE = 0.2  # |ln(found / true)| up to which a pole counts as a mode of the aircraft
 
 
 def printed_poles() -> dict[str, ComplexArray]:
