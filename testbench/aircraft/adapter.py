@@ -41,61 +41,40 @@ CHANNEL = "testbench"
 
 @dataclass(frozen=True)
 class Drive:
-    """A property that the aerodynamics reads and a control moves.
+    """A property that the aerodynamics reads and a control moves."""
 
-    Attributes:
-        name: JSBSim property.
-        points: (deflection of the control in rad, value of the property), ascending; linear between them.
-    """
-
-    name: str
+    name: str  # JSBSim property
+    # (deflection of the control in rad, value of the property), ascending; linear between them
     points: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
 class Law:
-    """The model's own way from the stick to a surface.
+    """The model's own way from the stick to a surface."""
 
-    Attributes:
-        stick: property of the pilot's command, -1 to 1.
-        sign: of the stick that deflects the surface to its positive side.
-        own: property that tells where the model has the surface.
-        factor: of it to the deflection in rad.
-        ends: (lowest, highest) deflection, rad: full stick to either side.
-        lag_rad_s, rate_limit_rad_s: of the servo that stands for the whole way where the law is left out.
-    """
-
-    stick: str
-    sign: float
-    own: str
-    factor: float
-    ends: tuple[float, float]
+    stick: str  # property of the pilot's command, -1 to 1
+    sign: float  # of the stick that deflects the surface to its positive side
+    own: str  # property that tells where the model has the surface
+    factor: float  # of it to the deflection in rad
+    ends: tuple[float, float]  # (lowest, highest) deflection, rad: full stick to either side
+    # lag_rad_s, rate_limit_rad_s: of the servo that stands for the whole way where the law is left out
     lag_rad_s: float | None = None
     rate_limit_rad_s: float | None = None
 
 
 @dataclass(frozen=True)
 class Link:
-    """One control surface of a model: what it moves, how far, and the servo before it.
+    """One control surface of a model: what it moves, how far, and the servo before it."""
 
-    Attributes:
-        control: "de", "da" or "dr".
-        drives: properties that follow the deflection.
-        lag_rad_s: corner frequency of the servo; None if the surface is where its command is.
-        rate_limit_rad_s: of the servo; None without one.
-        apart: True if command and surface are properties of their own even without a lag, so that something can be put
-            between them.
-        law: the model's own law, where it has one that feels the motion.
-        by_stick: whether the command is the stick, and the law flies.
-    """
-
-    control: str
-    drives: tuple[Drive, ...]
-    lag_rad_s: float | None = None
-    rate_limit_rad_s: float | None = None
+    control: str  # "de", "da" or "dr"
+    drives: tuple[Drive, ...]  # properties that follow the deflection
+    lag_rad_s: float | None = None  # corner frequency of the servo; None if the surface is where its command is
+    rate_limit_rad_s: float | None = None  # of the servo; None without one
+    # True if command and surface are properties of their own even without a lag, so that something can be put between
+    # them
     apart: bool = False
-    law: Law | None = None
-    by_stick: bool = False
+    law: Law | None = None  # the model's own law, where it has one that feels the motion
+    by_stick: bool = False  # whether the command is the stick, and the law flies
 
     def commanded_at(self, point: CommandedAt) -> Link:
         """Return the link commanded at the "stick" or at the "surface"; without a law both are one."""
@@ -138,20 +117,15 @@ class Link:
 
 @dataclass(frozen=True)
 class Adapter:
-    """What is added to a foreign model so that it can be commanded, and what it is told once it is loaded.
+    """What is added to a foreign model so that it can be commanded, and what it is told once it is loaded."""
 
-    Attributes:
-        links: its control surfaces.
-        throttles: property of the throttle of every engine; all follow one command.
-        settings: property -> value, set before it flies: gear, flaps, mixture, magnetos, fuel.
-        neutral: property -> value of those that the model reads and nothing defines.
-        cg_in: centre of gravity as it flies, inches in the structural frame, found when the model is loaded.
-    """
-
-    links: tuple[Link, ...] = ()
-    throttles: tuple[str, ...] = ()
+    links: tuple[Link, ...] = ()  # its control surfaces
+    throttles: tuple[str, ...] = ()  # property of the throttle of every engine; all follow one command
+    # property -> value, set before it flies: gear, flaps, mixture, magnetos, fuel
     settings: Mapping[str, float] = field(default_factory=dict)
+    # property -> value of those that the model reads and nothing defines
     neutral: Mapping[str, float] = field(default_factory=dict)
+    # centre of gravity as it flies, inches in the structural frame, found when the model is loaded
     cg_in: tuple[float, float, float] | None = None
 
     def link(self, control: str) -> Link | None:

@@ -18,17 +18,11 @@ RIGID_SOURCES = ("az", "p", "q", "r", "pdot", "qdot", "rdot")
 
 @dataclass(frozen=True)
 class WingStation:
-    """A place on the wing where instruments may sit.
+    """A place on the wing where instruments may sit."""
 
-    Attributes:
-        y_m: station, positive on the right wing.
-        x_m: distance ahead of the elastic axis.
-        height_m: of the upper skin above the neutral axis, for strain gauges.
-    """
-
-    y_m: float
-    x_m: float
-    height_m: float
+    y_m: float  # station, positive on the right wing
+    x_m: float  # distance ahead of the elastic axis
+    height_m: float  # of the upper skin above the neutral axis, for strain gauges
 
 
 def station_sources(elastic: ElasticModel | None) -> tuple[str, ...]:

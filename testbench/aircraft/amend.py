@@ -72,17 +72,11 @@ class Insert:
 
 @dataclass(frozen=True)
 class Increment:
-    """Add the product of ``terms`` to an aerodynamic coefficient: CL, CD (drag positive), CY, Cl, Cm or Cn.
+    """Add the product of ``terms`` to an aerodynamic coefficient: CL, CD (drag positive), CY, Cl, Cm or Cn."""
 
-    Attributes:
-        coefficient: which.
-        name: of the term: the function of a model in the testbench's own form.
-        terms: XML of each factor.
-    """
-
-    coefficient: str
-    name: str
-    terms: tuple[str, ...]
+    coefficient: str  # which
+    name: str  # of the term: the function of a model in the testbench's own form
+    terms: tuple[str, ...]  # XML of each factor
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if a model in the testbench's own form lacks the axis."""
@@ -145,17 +139,13 @@ class ReplaceCoefficient:
 
     What is replaced is all that the aerodynamics of the model make in that frame; what reactions add to it stays. At a
     model of any form.
-
-    Attributes:
-        coefficient: CL, CD, CY, Cl, Cm or Cn.
-        function, share: JSBSim properties; share from 0 to 1.
-        at_in: centre of gravity that forces act at, inches in the structural frame.
     """
 
-    coefficient: str
+    coefficient: str  # CL, CD, CY, Cl, Cm or Cn
+    # function, share: JSBSim properties; share from 0 to 1
     function: str
     share: str
-    at_in: tuple[float, float, float]
+    at_in: tuple[float, float, float]  # centre of gravity that forces act at, inches in the structural frame
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place."""
@@ -225,13 +215,9 @@ def _add_number(
 
 @dataclass(frozen=True)
 class Thrust:
-    """Add a share of all forces and moments of the engines, at a model of any form.
+    """Add a share of all forces and moments of the engines, at a model of any form."""
 
-    Attributes:
-        share: XML; -0.2 takes a fifth away.
-    """
-
-    share: str
+    share: str  # XML; -0.2 takes a fifth away
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place."""
@@ -302,22 +288,14 @@ class Memory:
     """A property that follows another with a first-order lag, a state that is not among JSBSim's own.
 
     It does not move while time stands still, so a linearisation must be told how it will move.
-
-    Attributes:
-        name: of the state.
-        follows: property that holds what is followed while time stands still.
-        start: property that sets the state while time stands still; 0 before.
-        rate_rad_s: one over the time constant.
-        settles: True if it is then at what it follows, plus ``start``; False if it is ``start`` alone.
-        commanded: True if a command is what it follows, which moves before the servo does.
     """
 
-    name: str
-    follows: str
-    start: str
-    rate_rad_s: float
-    settles: bool = False
-    commanded: bool = False
+    name: str  # of the state
+    follows: str  # property that holds what is followed while time stands still
+    start: str  # property that sets the state while time stands still; 0 before
+    rate_rad_s: float  # one over the time constant
+    settles: bool = False  # True if it is then at what it follows, plus ``start``; False if it is ``start`` alone
+    commanded: bool = False  # True if a command is what it follows, which moves before the servo does
 
 
 @dataclass(frozen=True)

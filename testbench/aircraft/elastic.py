@@ -45,17 +45,11 @@ UNSTEADY = 0.1
 
 @dataclass(frozen=True)
 class WingShape:
-    """A mode shape at the stations of its model, per unit of eta, on the right wing.
+    """A mode shape at the stations of its model, per unit of eta, on the right wing."""
 
-    Attributes:
-        bend_m: displacement of the elastic axis, up.
-        twist_rad: nose up.
-        curvature_1_m: second derivative of ``bend_m`` along the span; strain is minus this times the height above the
-            neutral axis.
-    """
-
-    bend_m: tuple[float, ...]
-    twist_rad: tuple[float, ...]
+    bend_m: tuple[float, ...]  # displacement of the elastic axis, up
+    twist_rad: tuple[float, ...]  # nose up
+    # second derivative of ``bend_m`` along the span; strain is minus this times the height above the neutral axis
     curvature_1_m: tuple[float, ...]
 
 

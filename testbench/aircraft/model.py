@@ -62,21 +62,14 @@ class MassProperties:
 
 @dataclass(frozen=True)
 class Control:
-    """A control channel and the JSBSim property that commands it.
+    """A control channel and the JSBSim property that commands it."""
 
-    Attributes:
-        name: "de", "da", "dr" or "thr".
-        command: JSBSim property.
-        full: highest admissible value: rad, or 1 for the throttle.
-        least: lowest admissible value of a surface that moves less far to that side; -full if not given.
-        unit: what 1 of the property means in SI; ``full`` if not given.
-    """
-
-    name: str
-    command: str
-    full: float
+    name: str  #: "de", "da", "dr" or "thr"
+    command: str  #: JSBSim property
+    full: float  #: highest admissible value: rad, or 1 for the throttle
+    #: lowest admissible value of a surface that moves less far to that side; -full if not given
     least: float | None = None
-    unit: float | None = None
+    unit: float | None = None  #: what 1 of the property means in SI; ``full`` if not given
 
     @property
     def low(self) -> float:

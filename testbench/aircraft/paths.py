@@ -13,27 +13,16 @@ from testbench.aircraft.adapter import PREFIX, SURFACES, THROTTLE, Adapter
 
 @dataclass(frozen=True)
 class ControlPath:
-    """Properties on the way of a control.
+    """Properties on the way of a control."""
 
-    Attributes:
-        control: "de", "da", "dr" or "thr".
-        word: what it is called.
-        command: rad, or 0 to 1; whoever reads it can be given something else, see ``Reroute`` of the gap's effects.
-        servo: where the servo stands, rad; the command, if nothing lies between; the throttle has none.
-        surface: what the aerodynamics reads once something is put behind the servo, rad.
-        actuator: component that is the servo.
-        lag: corner frequency of the servo, rad/s; None without a lag.
-        rate_limit: of the servo, rad/s; None if command and surface are one.
-    """
-
-    control: str
-    word: str
-    command: str
-    servo: str
-    surface: str
-    actuator: str
-    lag: str | None
-    rate_limit: str | None
+    control: str  # "de", "da", "dr" or "thr"
+    word: str  # what it is called
+    command: str  # rad, or 0 to 1; whoever reads it can be given something else, see ``Reroute`` of the gap's effects
+    servo: str  # where the servo stands, rad; the command, if nothing lies between; the throttle has none
+    surface: str  # what the aerodynamics reads once something is put behind the servo, rad
+    actuator: str  # component that is the servo
+    lag: str | None  # corner frequency of the servo, rad/s; None without a lag
+    rate_limit: str | None  # of the servo, rad/s; None if command and surface are one
 
 
 def path_of(adapter: Adapter | None, control: str) -> ControlPath | None:

@@ -230,16 +230,11 @@ class Reroute(Insert):
 
     All that read ``command`` read ``target`` from then on, except the channel of the simulator, which stays the
     command itself. ``parent`` is not used.
-
-    Attributes:
-        command: JSBSim property.
-        target: property that the components end in.
-        memory: properties to declare, with value 0.
     """
 
-    command: str = ""
-    target: str = ""
-    memory: tuple[str, ...] = ()
+    command: str = ""  # JSBSim property
+    target: str = ""  # property that the components end in
+    memory: tuple[str, ...] = ()  # properties to declare, with value 0
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no component reads the command."""

@@ -32,25 +32,15 @@ _LEFT_OUT = ("input", "output")  # sockets and files: a flight is recorded by wh
 
 @dataclass(frozen=True)
 class Source:
-    """A JSBSim model in one piece.
+    """A JSBSim model in one piece."""
 
-    Attributes:
-        name: of the model.
-        path: of its main file.
-        xml: the model without includes, as text.
-        engine_files: file name -> XML of every engine and thruster that it names.
-        included: files that were put into it, as they are named there.
-        left_out: elements that were not taken, in words.
-        repaired: what was changed so that JSBSim takes it, in sentences.
-    """
-
-    name: str
-    path: Path
-    xml: str
-    engine_files: dict[str, str]
-    included: tuple[str, ...]
-    left_out: tuple[str, ...]
-    repaired: tuple[str, ...] = ()
+    name: str  # of the model
+    path: Path  # of its main file
+    xml: str  # the model without includes, as text
+    engine_files: dict[str, str]  # file name -> XML of every engine and thruster that it names
+    included: tuple[str, ...]  # files that were put into it, as they are named there
+    left_out: tuple[str, ...]  # elements that were not taken, in words
+    repaired: tuple[str, ...] = ()  # what was changed so that JSBSim takes it, in sentences
 
 
 def find_model(path: Path) -> Path | None:

@@ -166,23 +166,14 @@ def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
 
 @dataclass(frozen=True, eq=False)
 class Declared:
-    """What a Python file defines at its top level, as read from its text.
+    """What a Python file defines at its top level, as read from its text."""
 
-    Attributes:
-        path: of the file.
-        names: all that it defines, assigns or imports.
-        functions: name -> definition.
-        classes: name -> definition.
-        values: name -> what is assigned to it.
-        whole: False if the names may be more than those, as after ``from x import *``.
-    """
-
-    path: Path
-    names: frozenset[str]
-    functions: Mapping[str, ast.FunctionDef]
-    classes: Mapping[str, ast.ClassDef]
-    values: Mapping[str, ast.expr]
-    whole: bool
+    path: Path  # of the file
+    names: frozenset[str]  # all that it defines, assigns or imports
+    functions: Mapping[str, ast.FunctionDef]  # name -> definition
+    classes: Mapping[str, ast.ClassDef]  # name -> definition
+    values: Mapping[str, ast.expr]  # name -> what is assigned to it
+    whole: bool  # False if the names may be more than those, as after ``from x import *``
 
     def need(self, attribute: str) -> None:
         """Check that the file defines a name.

@@ -10,12 +10,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Keyed(Generic[T]):
-    """What something is found from, as the key of a cache: the same as another if their contents are equal.
+    """What something is found from, as the key of a cache: the same as another if their contents are equal."""
 
-    Attributes:
-        it: what is read to find it.
-        contents: all of it that matters, hashable.
-    """
-
-    it: T = field(compare=False)
-    contents: tuple[object, ...]
+    it: T = field(compare=False)  # what is read to find it
+    contents: tuple[object, ...]  # all of it that matters, hashable

@@ -109,23 +109,14 @@ def not_found(path: Path, packaged: Sequence[str] = (), files: Callable[[Path], 
 
 @dataclass(frozen=True)
 class Family:
-    """A family whose members are packaged or brought by the user.
+    """A family whose members are packaged or brought by the user."""
 
-    Attributes:
-        words: one member in words.
-        folder: of the user's project that holds members by name.
-        packaged: names of the packaged members.
-        inside: file that makes a folder a member; empty if members are TOML files.
-        others: whether a path without such a file is a member all the same.
-        stock: names of members that come with another program, written ``jsbsim:NAME``, or NAME alone if nothing else
-            has it.
-    """
-
-    words: str
-    folder: str
-    packaged: Callable[[], list[str]]
-    inside: str = ""
-    others: Callable[[Path], bool] = lambda path: False
+    words: str  # one member in words
+    folder: str  # of the user's project that holds members by name
+    packaged: Callable[[], list[str]]  # names of the packaged members
+    inside: str = ""  # file that makes a folder a member; empty if members are TOML files
+    others: Callable[[Path], bool] = lambda path: False  # whether a path without such a file is a member all the same
+    # names of members that come with another program, written ``jsbsim:NAME``, or NAME alone if nothing else has it
     stock: Callable[[], Sequence[str]] = tuple
 
     def at(self, path: Path) -> Path | None:

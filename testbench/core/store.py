@@ -59,23 +59,14 @@ Entry = tuple[int, str] | None
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a folder of results says of itself.
+    """What a folder of results says of itself."""
 
-    Attributes:
-        command: as it was typed; empty if a program wrote the folder.
-        version: of the testbench.
-        inputs: file that was read -> what it was then.
-        files: path in the folder, with "/" -> what was written.
-        packages: those that decide figures -> version.
-        added: names of the files that came beside a result, which another one does not take away.
-    """
-
-    command: tuple[str, ...] = ()
-    version: str = ""
-    inputs: Mapping[str, Entry] = field(default_factory=dict)
-    files: Mapping[str, Entry] = field(default_factory=dict)
-    packages: Mapping[str, str] = field(default_factory=dict)
-    added: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()  # as it was typed; empty if a program wrote the folder
+    version: str = ""  # of the testbench
+    inputs: Mapping[str, Entry] = field(default_factory=dict)  # file that was read -> what it was then
+    files: Mapping[str, Entry] = field(default_factory=dict)  # path in the folder, with "/" -> what was written
+    packages: Mapping[str, str] = field(default_factory=dict)  # those that decide figures -> version
+    added: tuple[str, ...] = ()  # names of the files that came beside a result, which another one does not take away
 
     def text(self, **more: Any) -> str:
         """Return the manifest as JSON."""

@@ -53,43 +53,28 @@ _MOST_BIAS = 0.5  # of the mean square error: a bias of which a smaller amplitud
 
 
 class Bound(NamedTuple):
-    """What a part of the ensemble asks of an amplitude: a reason.
+    """What a part of the ensemble asks of an amplitude: a reason."""
 
-    Attributes:
-        share: the amplitude over the one before.
-        limit: that binds; "" where the flight ends, or for the bias.
-        reach: the share of it that is used: the largest, or that met with the probability asked for.
-        mean, deviation: of the share that a flight's extreme uses.
-        met: flights that met some limit.
-        flights: of all.
-    """
-
-    share: float
-    limit: str = ""
-    reach: float = 0.0
+    share: float  #: the amplitude over the one before
+    limit: str = ""  #: that binds; "" where the flight ends, or for the bias
+    reach: float = 0.0  #: the share of it that is used: the largest, or that met with the probability asked for
+    #: mean, deviation: of the share that a flight's extreme uses
     mean: float = 0.0
     deviation: float = 0.0
-    met: int = 0
-    flights: int = 0
+    met: int = 0  #: flights that met some limit
+    flights: int = 0  #: of all
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Members of an ensemble that keep the limits at an amplitude that is chosen for all of them.
+    """Members of an ensemble that keep the limits at an amplitude that is chosen for all of them."""
 
-    Attributes:
-        name: of the part.
-        members: aircraft; each flies through each of the airs.
-        airs: None is still.
-        deviations: k, how far the extremes of flights scatter towards the limits; None: no flight may meet one.
-        least: factor on the amplitude below which it is not lowered.
-    """
-
-    name: str
-    members: tuple[Member, ...]
-    airs: tuple[Air | None, ...] = (None,)
+    name: str  #: of the part
+    members: tuple[Member, ...]  #: aircraft; each flies through each of the airs
+    airs: tuple[Air | None, ...] = (None,)  #: None is still
+    #: k, how far the extremes of flights scatter towards the limits; None: no flight may meet one
     deviations: float | None = None
-    least: float = 0.0
+    least: float = 0.0  #: factor on the amplitude below which it is not lowered
 
     def bound(self, flights: Sequence[HeldFlight], factor: float, still: FloatArray | float) -> tuple[Bound, float]:
         """Return what flights at ``factor`` say, and the factor on it at which a limit would just be met.
@@ -120,29 +105,17 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A design at the amplitude that was found for it, and why.
+    """A design at the amplitude that was found for it, and why."""
 
-    Attributes:
-        design: at that amplitude.
-        predicted: the design at the amplitude that the linearised aircraft allows.
-        record: of its flight with the believed aircraft in still air.
-        tightest: the limit that it uses up most there.
-        breach: what broke at the predicted amplitude, with its moment; "" if nothing did.
-        admissible: whether some amplitude kept all limits with the believed aircraft.
-        bounds: part of the ensemble -> what it asked for.
-        over: what it is over the drawn aircraft; None if none are asked for.
-        realised: over flights that were identified; None if there were none.
-    """
-
-    design: Design
-    predicted: Design
-    record: FlightRecord
-    tightest: Tightest
-    breach: str
-    admissible: bool
-    bounds: Mapping[str, Bound] = field(default_factory=dict)
-    over: OverDraws | None = None
-    realised: Realised | None = None
+    design: Design  #: at that amplitude
+    predicted: Design  #: the design at the amplitude that the linearised aircraft allows
+    record: FlightRecord  #: of its flight with the believed aircraft in still air
+    tightest: Tightest  #: the limit that it uses up most there
+    breach: str  #: what broke at the predicted amplitude, with its moment; "" if nothing did
+    admissible: bool  #: whether some amplitude kept all limits with the believed aircraft
+    bounds: Mapping[str, Bound] = field(default_factory=dict)  #: part of the ensemble -> what it asked for
+    over: OverDraws | None = None  #: what it is over the drawn aircraft; None if none are asked for
+    realised: Realised | None = None  #: over flights that were identified; None if there were none
 
     @property
     def errors(self) -> FloatArray:
@@ -175,25 +148,15 @@ Search = Generator[Ask, Any, Flown]
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Draws, air and bias: what the amplitude of an input is chosen for.
+    """Draws, air and bias: what the amplitude of an input is chosen for."""
 
-    Attributes:
-        range_: the believed aircraft, the air that is expected, sensors and estimator.
-        draws: the drawn aircraft; None if none are asked for.
-        others: aircraft of less and more static stability; they count in still air.
-        robust: whether input and amplitude are chosen for the worst draw.
-        flights: of one design in air that moves, and to realise it; 0: neither, and no bias.
-        probability: with which the next flight may meet a limit in air that moves.
-        most: factor by which an amplitude may grow beyond that of a design.
-    """
-
-    range_: Range
-    draws: Draws | None = None
-    others: tuple[Member, ...] = ()
-    robust: bool = False
-    flights: int = 0
-    probability: float = 0.05
-    most: float = _MOST
+    range_: Range  #: the believed aircraft, the air that is expected, sensors and estimator
+    draws: Draws | None = None  #: the drawn aircraft; None if none are asked for
+    others: tuple[Member, ...] = ()  #: aircraft of less and more static stability; they count in still air
+    robust: bool = False  #: whether input and amplitude are chosen for the worst draw
+    flights: int = 0  #: of one design in air that moves, and to realise it; 0: neither, and no bias
+    probability: float = 0.05  #: with which the next flight may meet a limit in air that moves
+    most: float = _MOST  #: factor by which an amplitude may grow beyond that of a design
 
     @property
     def problem(self) -> Problem:

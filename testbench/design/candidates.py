@@ -36,19 +36,12 @@ _UNITS = {"3211": 7.0, "211": 4.0, "123": 6.0}
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One input at unit amplitude.
+    """One input at unit amplitude."""
 
-    Attributes:
-        family: name of the signal.
-        words: its free quantities in words.
-        specs: entries of a scenario that make it, amplitude 1 (rad or 1).
-        u: (samples, m) its samples at the design's rate, one column per control.
-    """
-
-    family: str
-    words: str
-    specs: tuple[Input, ...]
-    u: FloatArray
+    family: str  # name of the signal
+    words: str  # its free quantities in words
+    specs: tuple[Input, ...]  # entries of a scenario that make it, amplitude 1 (rad or 1)
+    u: FloatArray  # (samples, m) its samples at the design's rate, one column per control
 
 
 def scaled(specs: Sequence[Input], factor: float) -> tuple[Input, ...]:

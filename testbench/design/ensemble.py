@@ -59,36 +59,25 @@ class Placed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """An aircraft that may fly an input, as a design problem with its own truth and limits.
+    """An aircraft that may fly an input, as a design problem with its own truth and limits."""
 
-    Attributes:
-        aircraft, trimmed, linear, modes: as :class:`Placed` has them.
-        problem: its design problem.
-        onsets: elastic modes that become unstable at some speed.
-        words: which aircraft it is.
-    """
-
+    #: aircraft, trimmed, linear, modes: as :class:`Placed` has them
     aircraft: Aircraft
     trimmed: TrimmedFlight
     linear: LinearModel
     modes: Mapping[str, complex]
-    problem: Problem
-    onsets: tuple[Onset, ...] = ()
-    words: str = "the a-priori model"
+    problem: Problem  #: its design problem
+    onsets: tuple[Onset, ...] = ()  #: elastic modes that become unstable at some speed
+    words: str = "the a-priori model"  #: which aircraft it is
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """How any aircraft comes to the condition of a design.
+    """How any aircraft comes to the condition of a design."""
 
-    Attributes:
-        plane: of the motion.
-        place: trims and linearises an aircraft there.
-        pose: makes it a design problem, too, with the wanted errors and the known information of the believed one.
-    """
-
-    plane: Literal["longitudinal", "lateral"]
-    place: Callable[[Aircraft], Placed]
+    plane: Literal["longitudinal", "lateral"]  #: of the motion
+    place: Callable[[Aircraft], Placed]  #: trims and linearises an aircraft there
+    #: makes it a design problem, too, with the wanted errors and the known information of the believed one
     pose: Callable[[Aircraft], Member]
 
 
@@ -96,19 +85,12 @@ class Setting:
 
 
 class HeldFlight(NamedTuple):
-    """A flight held against the limits.
+    """A flight held against the limits."""
 
-    Attributes:
-        shares: (limits,) largest share that it uses of the distance from trim to each.
-        tightest: the limit that it uses up most.
-        breach: the first that it breaks, in words; "" if none.
-        record: of the flight; None if there is none.
-    """
-
-    shares: FloatArray
-    tightest: Tightest
-    breach: str
-    record: FlightRecord | None = None
+    shares: FloatArray  #: (limits,) largest share that it uses of the distance from trim to each
+    tightest: Tightest  #: the limit that it uses up most
+    breach: str  #: the first that it breaks, in words; "" if none
+    record: FlightRecord | None = None  #: of the flight; None if there is none
 
 
 @dataclass(frozen=True)

@@ -27,34 +27,20 @@ from testbench.flight.linear_model import LinearModel
 
 @dataclass(frozen=True)
 class Limits:
-    """The envelope of a manoeuvre; None sets no limit. Changes count from trim.
+    """The envelope of a manoeuvre; None sets no limit. Changes count from trim."""
 
-    Attributes:
-        deflection: control -> largest deflection either side, rad (1 for the throttle); trim included.
-        rate: control -> largest rate, rad/s.
-        load_factor: lowest and highest -az / g.
-        alpha: lowest and highest angle of attack, rad.
-        beta: largest sideslip either side, rad.
-        speed_change_m_s: largest change of airspeed either side.
-        height_change_m: largest change of height either side.
-        pitch_change: largest change of pitch angle either side, rad.
-        bank: largest bank either side, rad.
-        V_max_m_s: airspeed that is never exceeded, e.g. the onset of flutter less a margin.
-        V_min_m_s: airspeed that is always kept, e.g. 1.2 times the stall speed.
-        throw: control -> lowest and highest value that the aircraft allows, rad.
-    """
-
-    deflection: dict[str, float]
-    rate: dict[str, float]
-    load_factor: tuple[float, float] | None = None
-    alpha: tuple[float, float] | None = None
-    beta: float | None = None
-    speed_change_m_s: float | None = None
-    height_change_m: float | None = None
-    pitch_change: float | None = None
-    bank: float | None = None
-    V_max_m_s: float | None = None
-    V_min_m_s: float | None = None
+    deflection: dict[str, float]  # control -> largest deflection either side, rad (1 for the throttle); trim included
+    rate: dict[str, float]  # control -> largest rate, rad/s
+    load_factor: tuple[float, float] | None = None  # lowest and highest -az / g
+    alpha: tuple[float, float] | None = None  # lowest and highest angle of attack, rad
+    beta: float | None = None  # largest sideslip either side, rad
+    speed_change_m_s: float | None = None  # largest change of airspeed either side
+    height_change_m: float | None = None  # largest change of height either side
+    pitch_change: float | None = None  # largest change of pitch angle either side, rad
+    bank: float | None = None  # largest bank either side, rad
+    V_max_m_s: float | None = None  # airspeed that is never exceeded, e.g. the onset of flutter less a margin.
+    V_min_m_s: float | None = None  # airspeed that is always kept, e.g. 1.2 times the stall speed.
+    # control -> lowest and highest value that the aircraft allows, rad
     throw: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @classmethod
@@ -290,17 +276,11 @@ class Tightest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """The limits of a design, in the form in which a flown record is compared with them.
+    """The limits of a design, in the form in which a flown record is compared with them."""
 
-    Attributes:
-        bands: channel -> (lowest, highest), absolute; deflections included.
-        rates: control -> (its servo's 1 / lag in 1/s, largest rate in rad/s).
-        trim: channel -> value at trim.
-    """
-
-    bands: Mapping[str, tuple[float, float]]
-    rates: Mapping[str, tuple[float, float]]
-    trim: Mapping[str, float]
+    bands: Mapping[str, tuple[float, float]]  # channel -> (lowest, highest), absolute; deflections included
+    rates: Mapping[str, tuple[float, float]]  # control -> (its servo's 1 / lag in 1/s, largest rate in rad/s)
+    trim: Mapping[str, float]  # channel -> value at trim
 
     @classmethod
     def of(cls, model: LinearModel, controls: Sequence[str], limits: Limits, trim: Mapping[str, float]) -> Envelope:

@@ -34,19 +34,14 @@ _FREE = 1e9  # times a limit
 
 @dataclass(frozen=True, eq=False)
 class SpectralEnergy:
-    """What one input does to each mode.
+    """What one input does to each mode."""
 
-    Attributes:
-        modes, sensors: names.
-        share: (modes,) share of the input's energy in each half-power band.
-        snr_db: (modes, sensors) energy of the mode's response over that of the noise, in its band.
-        below_95: (m,) per control the frequency below which 95 % of its energy lies, rad/s; NaN for one at rest.
-    """
-
+    #: modes, sensors: names
     modes: tuple[str, ...]
     sensors: tuple[str, ...]
-    share: FloatArray
-    snr_db: FloatArray
+    share: FloatArray  #: (modes,) share of the input's energy in each half-power band
+    snr_db: FloatArray  #: (modes, sensors) energy of the mode's response over that of the noise, in its band
+    #: (m,) per control the frequency below which 95 % of its energy lies, rad/s; NaN for one at rest
     below_95: FloatArray
 
     def seen(self, mode: str) -> tuple[str, float]:
@@ -143,39 +138,27 @@ class ModeBands:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The design problem.
+    """The design problem."""
 
-    Attributes:
-        experiment, prediction: the aircraft seen through its sensors, and its limits.
-        targets: quantities with their wanted errors.
-        criterion: what the design minimises.
-        controls: (m,) controls that move.
-        duration_s: of the manoeuvre.
-        start_s: undisturbed flight before the input.
-        shortest_s: shortest step that can be flown.
-        band_hz: band of the targets.
-        by_hand: a pilot flies.
-        seed: of random starts.
-        bands: the modes that candidates are screened for by spectral energy; None: by information alone.
-        deflected: the structure of the experiment, driven by deflections: without servos.
-        servo_lag_s: control -> time constant of its servo, of those that have one.
-        known: (k, k) information of the parameters that earlier flights gave; None: nothing is known but the model.
-    """
-
+    #: experiment, prediction: the aircraft seen through its sensors, and its limits
     experiment: Experiment
     prediction: Prediction
-    targets: Targets
-    criterion: Criterion
-    controls: tuple[Control, ...]
-    duration_s: float
-    start_s: float
-    shortest_s: float
-    band_hz: tuple[float, float]
-    by_hand: bool
-    seed: int = 0
+    targets: Targets  #: quantities with their wanted errors
+    criterion: Criterion  #: what the design minimises
+    controls: tuple[Control, ...]  #: (m,) controls that move
+    duration_s: float  #: of the manoeuvre
+    start_s: float  #: undisturbed flight before the input
+    shortest_s: float  #: shortest step that can be flown
+    band_hz: tuple[float, float]  #: band of the targets
+    by_hand: bool  #: a pilot flies
+    seed: int = 0  #: of random starts
+    #: the modes that candidates are screened for by spectral energy; None: by information alone
     bands: ModeBands | None = None
+    #: the structure of the experiment, driven by deflections: without servos
     deflected: AircraftStructure | None = None
+    #: control -> time constant of its servo, of those that have one
     servo_lag_s: Mapping[str, float] = field(default_factory=dict)
+    #: (k, k) information of the parameters that earlier flights gave; None: nothing is known but the model
     known: FloatArray | None = None
 
     @property
@@ -218,34 +201,23 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """One input at its largest admissible amplitude, and what it tells.
+    """One input at its largest admissible amplitude, and what it tells."""
 
-    Attributes:
-        family, words: which signal.
-        specs: scenario entries that fly it.
-        controls: (m,) controls that move.
-        u: (samples, m) what is commanded, deviation from trim.
-        limit: the limit that binds.
-        cost: the criterion, in wanted errors; 1 or less reaches them. It counts what earlier flights gave.
-        errors: (t,) predicted errors of the targets by this flight alone: standard errors, and what they are off by if
-            that is known.
-        information: (k, k) Fisher information.
-        end_s: when the last input ends, s.
-        duration_s: when the record ends, s.
-        off: (k,) what the estimates of the parameters are off by without any noise; None: not asked.
-    """
-
+    #: family, words: which signal
     family: str
     words: str
-    specs: tuple[Input, ...]
-    controls: tuple[Control, ...]
-    u: FloatArray
-    limit: str
-    cost: float
+    specs: tuple[Input, ...]  #: scenario entries that fly it
+    controls: tuple[Control, ...]  #: (m,) controls that move
+    u: FloatArray  #: (samples, m) what is commanded, deviation from trim
+    limit: str  #: the limit that binds
+    cost: float  #: the criterion, in wanted errors; 1 or less reaches them. It counts what earlier flights gave.
+    #: (t,) predicted errors of the targets by this flight alone: standard errors, and what they are off by if that is
+    #: known
     errors: FloatArray
-    information: FloatArray
-    end_s: float
-    duration_s: float
+    information: FloatArray  #: (k, k) Fisher information
+    end_s: float  #: when the last input ends, s
+    duration_s: float  #: when the record ends, s
+    #: (k,) what the estimates of the parameters are off by without any noise; None: not asked
     off: FloatArray | None = None
 
     @property
@@ -382,15 +354,10 @@ def total_errors(problem: Problem, design: Design, headline: FloatArray | None =
 
 @dataclass(frozen=True)
 class Obstacle:
-    """What a design would reach without one of its obstacles.
+    """What a design would reach without one of its obstacles."""
 
-    Attributes:
-        words: what is taken away.
-        cost: the criterion without it, in wanted errors.
-    """
-
-    words: str
-    cost: float
+    words: str  #: what is taken away
+    cost: float  #: the criterion without it, in wanted errors
 
 
 @dataclass(frozen=True)

@@ -72,17 +72,11 @@ CAUSES = {
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of the targets over flights.
+    """Errors of the targets over flights."""
 
-    Attributes:
-        errors: (n, t) estimate less truth.
-        stated: (n, t) standard errors that the estimator stated.
-        failed: why flights gave no estimate.
-    """
-
-    errors: FloatArray
-    stated: FloatArray
-    failed: tuple[str, ...]
+    errors: FloatArray  # (n, t) estimate less truth
+    stated: FloatArray  # (n, t) standard errors that the estimator stated
+    failed: tuple[str, ...]  # why flights gave no estimate
 
     @property
     def n(self) -> int:
@@ -158,18 +152,12 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Realised:
-    """One design, flown and identified.
+    """One design, flown and identified."""
 
-    Attributes:
-        promised: (t,) errors by information, and by what the estimates are off by without noise.
-        found: over the flights.
-        differs: (t,) whether the flights contradict the promise.
-        causes: per target, cause -> mean square error that it makes; without flights that could tell, empty.
-    """
-
-    promised: FloatArray
-    found: Errors
-    differs: np.ndarray
+    promised: FloatArray  # (t,) errors by information, and by what the estimates are off by without noise
+    found: Errors  # over the flights
+    differs: np.ndarray  # (t,) whether the flights contradict the promise
+    # per target, cause -> mean square error that it makes; without flights that could tell, empty
     causes: tuple[Mapping[str, float], ...] = ()
 
     @property
@@ -191,25 +179,15 @@ class Realised:
 
 @dataclass(frozen=True, eq=False)
 class Range:
-    """Where designs are flown and identified: aircraft, air, sensors, estimator, truth.
+    """Where designs are flown and identified: aircraft, air, sensors, estimator, truth."""
 
-    Attributes:
-        member: what flies, with its true targets.
-        suite: what senses.
-        identified: the estimator.
-        air: expected.
-        h_m: height of the flight, m.
-        seed: of noise and air.
-        flier: what flies.
-    """
-
-    member: Member
-    suite: SensorSuite
-    identified: Identified
-    air: AirSpec
-    h_m: float
-    seed: int
-    flier: Flier = field(default_factory=Flier)
+    member: Member  # what flies, with its true targets
+    suite: SensorSuite  # what senses
+    identified: Identified  # the estimator
+    air: AirSpec  # expected
+    h_m: float  # height of the flight, m
+    seed: int  # of noise and air
+    flier: Flier = field(default_factory=Flier)  # what flies
 
     @property
     def moves(self) -> bool:
@@ -346,25 +324,15 @@ class Range:
 
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
-    """The same commands with one aircraft that is not believed: its fast mode lies lower or higher.
+    """The same commands with one aircraft that is not believed: its fast mode lies lower or higher."""
 
-    Attributes:
-        factor: natural frequency over the believed one.
-        what: in words: the mode, and the coefficient with its factor.
-        predicted: (t,) standard errors by information there.
-        values: (t,) true values there.
-        found: errors of the estimator, which still believes the first aircraft, over flights.
-        flight: one in still air, held against the limits.
-        why_not: why nothing can be said; "" otherwise.
-    """
-
-    factor: float
-    what: str
-    predicted: FloatArray | None = None
-    values: FloatArray | None = None
-    found: Errors | None = None
-    flight: HeldFlight | None = None
-    why_not: str = ""
+    factor: float  # natural frequency over the believed one
+    what: str  # in words: the mode, and the coefficient with its factor
+    predicted: FloatArray | None = None  # (t,) standard errors by information there
+    values: FloatArray | None = None  # (t,) true values there
+    found: Errors | None = None  # errors of the estimator, which still believes the first aircraft, over flights
+    flight: HeldFlight | None = None  # one in still air, held against the limits
+    why_not: str = ""  # why nothing can be said; "" otherwise
 
 
 def elsewhere(

@@ -97,16 +97,11 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Switching:
-    """The quadratic form of one problem for steps of one length, all steps of the first control first.
+    """The quadratic form of one problem for steps of one length, all steps of the first control first."""
 
-    Attributes:
-        problem: with its criterion, its limits, and what earlier flights gave.
-        K: (b, b, k, k) information of pairs of blocks; a block is one step on one control.
-        y: (b, n, c) deviations of the limited channels that a block at unit amplitude makes, at the sensors' rate.
-    """
-
-    problem: Problem
-    K: FloatArray
+    problem: Problem  #: with its criterion, its limits, and what earlier flights gave
+    K: FloatArray  #: (b, b, k, k) information of pairs of blocks; a block is one step on one control
+    #: (b, n, c) deviations of the limited channels that a block at unit amplitude makes, at the sensors' rate
     y: FloatArray
 
     @classmethod
@@ -280,18 +275,12 @@ class Lines:
     """The widest multisine on the lines of another, and what a unit of power on each of its lines tells.
 
     Power is counted in units of what a line alone may have inside the limits of all problems.
-
-    Attributes:
-        problem: of the believed aircraft.
-        wide: the multisine.
-        free: (lines,) the unit of power of each.
-        K: per problem (lines, k, k), the information of a unit of power on each line.
     """
 
-    problem: Problem
-    wide: Multisine
-    free: FloatArray
-    K: tuple[FloatArray, ...]
+    problem: Problem  #: of the believed aircraft
+    wide: Multisine  #: the multisine
+    free: FloatArray  #: (lines,) the unit of power of each
+    K: tuple[FloatArray, ...]  #: per problem (lines, k, k), the information of a unit of power on each line
 
     @classmethod
     def of(cls, problem: Problem, spec: Multisine, over: Sequence[Problem]) -> Lines:

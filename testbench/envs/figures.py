@@ -24,35 +24,27 @@ _DECADES = 4
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """A flight so far, as it is drawn.
+    """A flight so far, as it is drawn."""
 
-    Attributes:
-        title: what is flown.
-        start_s, decision_s, duration_s: first decision, length of each and end of the record.
-        sensor_rate_hz: of the samples ``y``.
-        controls, u, amplitude: names (m,), commands (steps, m) and their largest size (m,), rad (1 for the throttle).
-        channels, y: names (p,) and samples (n, p) shown by the sensors, SI.
-        use: (steps,) largest share of a limit in each step.
-        cost: (steps + 1,) cost before the first step and after each.
-        theta, phi: pitch and bank now, rad.
-        modes: name -> pole, rad/s.
-    """
-
-    title: str
+    title: str  # what is flown
+    # start_s, decision_s, duration_s: first decision, length of each and end of the record
     start_s: float
     decision_s: float
     duration_s: float
-    sensor_rate_hz: float
+    sensor_rate_hz: float  # of the samples ``y``
+    # controls, u, amplitude: names (m,), commands (steps, m) and their largest size (m,), rad (1 for the throttle)
     controls: tuple[str, ...]
     u: FloatArray
     amplitude: FloatArray
+    # channels, y: names (p,) and samples (n, p) shown by the sensors, SI
     channels: tuple[str, ...]
     y: FloatArray
-    use: FloatArray
-    cost: FloatArray
+    use: FloatArray  # (steps,) largest share of a limit in each step
+    cost: FloatArray  # (steps + 1,) cost before the first step and after each
+    # theta, phi: pitch and bank now, rad
     theta: float
     phi: float
-    modes: Mapping[str, complex]
+    modes: Mapping[str, complex]  # name -> pole, rad/s
 
 
 def draw_episode(episode: Episode) -> NDArray[np.uint8]:

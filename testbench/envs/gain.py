@@ -31,21 +31,13 @@ class Known(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What flights have told so far.
+    """What flights have told so far."""
 
-    Attributes:
-        M: (copies, k, k) lower half of the information, offsets included.
-        b: (copies, p, k) weighted sums of the sensitivities.
-        c: (copies, p) weights of the samples.
-        covariance: (copies, t, t) of the targets, prior included.
-        volume: (copies,) logarithm of the root of its determinant.
-    """
-
-    M: FloatArray
-    b: FloatArray
-    c: FloatArray
-    covariance: FloatArray
-    volume: FloatArray
+    M: FloatArray  # (copies, k, k) lower half of the information, offsets included
+    b: FloatArray  # (copies, p, k) weighted sums of the sensitivities
+    c: FloatArray  # (copies, p) weights of the samples
+    covariance: FloatArray  # (copies, t, t) of the targets, prior included
+    volume: FloatArray  # (copies,) logarithm of the root of its determinant
 
 
 Mask = npt.NDArray[np.bool_]

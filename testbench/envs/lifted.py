@@ -25,17 +25,13 @@ from testbench.sensors.sensor import lag_weights
 
 @dataclass(frozen=True, eq=False)
 class Lifted:
-    """One decision of the linear aircraft as a matrix; all deviations from trim.
+    """One decision of the linear aircraft as a matrix; all deviations from trim."""
 
-    Attributes:
-        matrix: (nz + r p + r p k + 2 R c, nz + m): next state, r samples of p sensed outputs, their sensitivities by
-            the k parameters, and R samples of the c limited channels over their upper and over their lower limits.
-        nz: size of the state, 0 at trim.
-        r, p, k, R, c: see above; r samples of the fastest sensors and R of the inputs per decision.
-    """
-
+    # (nz + r p + r p k + 2 R c, nz + m): next state, r samples of p sensed outputs, their sensitivities by the k
+    # parameters, and R samples of the c limited channels over their upper and over their lower limits
     matrix: FloatArray
-    nz: int
+    nz: int  # size of the state, 0 at trim
+    # r, p, k, R, c: see above; r samples of the fastest sensors and R of the inputs per decision
     r: int
     p: int
     k: int

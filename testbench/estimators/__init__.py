@@ -61,23 +61,15 @@ GIVES = {
 
 @dataclass(frozen=True)
 class Method:
-    """A method of estimation.
+    """A method of estimation."""
 
-    Attributes:
-        words: what it is.
-        settings: class of its settings: the entry in a scenario, the limits and the defaults.
-        function: "module:name" below ``testbench.estimators``, imported when it is first called. It takes
-            ``(records, inputs, outputs, settings)``, or ``(records, structure, settings)`` if the settings name a
-            structure.
-        needs: what it needs, names from :data:`NEEDS`.
-        gives: what it gives, names from :data:`GIVES`.
-    """
-
-    words: str
-    settings: type[Settings]
+    words: str  #: what it is
+    settings: type[Settings]  #: class of its settings: the entry in a scenario, the limits and the defaults
+    #: "module:name" below ``testbench.estimators``, imported when it is first called. It takes ``(records, inputs,
+    #: outputs, settings)``, or ``(records, structure, settings)`` if the settings name a structure.
     function: str
-    needs: tuple[str, ...] = ()
-    gives: tuple[str, ...] = ("poles",)
+    needs: tuple[str, ...] = ()  #: what it needs, names from :data:`NEEDS`
+    gives: tuple[str, ...] = ("poles",)  #: what it gives, names from :data:`GIVES`
 
     def load(self) -> Callable[..., IdentifiedModel]:
         """Return the function, imported."""

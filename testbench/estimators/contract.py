@@ -101,23 +101,15 @@ def _sorted(s: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True)
 class Trial:
-    """An estimator under trial.
+    """An estimator under trial."""
 
-    Attributes:
-        method: its name, packaged or ``FILE.py:NAME``.
-        settings: with which it is tried.
-        exact: largest relative error of the frequency response, and of an unseen flight, on records without noise.
-        outputs: (p,) of the aircraft's.
-        longer: factor on the length of the records.
-        band_rad_s: frequencies at which the response is judged.
-    """
-
-    method: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    method: str  # its name, packaged or ``FILE.py:NAME``
+    settings: Mapping[str, Any] = field(default_factory=dict)  # with which it is tried
+    # largest relative error of the frequency response, and of an unseen flight, on records without noise
     exact: float = 0.05
-    outputs: tuple[str, ...] = OUTPUTS
-    longer: int = 1
-    band_rad_s: tuple[float, float] = (0.6, 20.0)
+    outputs: tuple[str, ...] = OUTPUTS  # (p,) of the aircraft's
+    longer: int = 1  # factor on the length of the records
+    band_rad_s: tuple[float, float] = (0.6, 20.0)  # frequencies at which the response is judged
 
     def flights(self, *lengths: int, noise: float = 0.0) -> list[FlightRecord]:
         """Return one record per length."""

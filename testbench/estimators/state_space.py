@@ -266,17 +266,12 @@ _AT_ONCE = 5000  # samples folded into a triangle at once
 
 
 class Rows(NamedTuple):
-    """R factors of one series' regressions, and their sizes.
+    """R factors of one series' regressions, and their sizes."""
 
-    Attributes:
-        R: per output (r, own + count + 1), see :func:`fit_inputs`: own unknowns of the series, B and D, y.
-        own: number of unknowns of this series alone.
-        counts: (p,) valid samples per output.
-    """
-
+    # per output (r, own + count + 1), see :func:`fit_inputs`: own unknowns of the series, B and D, y
     R: list[FloatArray]
-    own: int
-    counts: NDArray[np.int_]
+    own: int  # number of unknowns of this series alone
+    counts: NDArray[np.int_]  # (p,) valid samples per output
 
 
 class InputFit(NamedTuple):

@@ -120,17 +120,12 @@ _TURNS = 12  # of least squares and filter: short periods settle in six
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TransferFunctionModel(IdentifiedModel):
-    """y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1-d] + ... + bn u[k-n-d], for each output by itself.
+    """y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1-d] + ... + bn u[k-n-d], for each output by itself."""
 
-    Attributes:
-        numerators: (p, n) coefficients b1 ... bn; those after the zeros that were asked for are zero.
-        denominators: (p, n + 1) coefficients 1, a1 ... an; zeros last where an output has fewer poles than others.
-        delays: (p,) whole samples d beyond the one that every output is late; none if not given.
-    """
-
-    numerators: FloatArray
+    numerators: FloatArray  # (p, n) coefficients b1 ... bn; those after the zeros that were asked for are zero.
+    # (p, n + 1) coefficients 1, a1 ... an; zeros last where an output has fewer poles than others.
     denominators: FloatArray
-    delays: tuple[int, ...] = ()
+    delays: tuple[int, ...] = ()  # (p,) whole samples d beyond the one that every output is late; none if not given
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "delays", tuple(int(d) for d in self.delays) or (0,) * len(self.outputs))

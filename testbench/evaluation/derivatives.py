@@ -21,21 +21,13 @@ _NOISE = 1e-8  # what is left of a zero after the differences of JSBSim's forces
 
 @dataclass(frozen=True)
 class Derivative:
-    """One dimensional derivative.
+    """One dimensional derivative."""
 
-    Attributes:
-        name: e.g. "M_alpha".
-        unit: SI.
-        meaning: in words.
-        held: with the elastic modes held at their trimmed deflection.
-        static: with the elastic modes following in static equilibrium; None without modes.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    held: float
-    static: float | None
+    name: str  #: e.g. "M_alpha".
+    unit: str  #: SI
+    meaning: str  #: in words
+    held: float  #: with the elastic modes held at their trimmed deflection
+    static: float | None  #: with the elastic modes following in static equilibrium; None without modes
 
 
 _MOMENTS = {"L": ("p", "roll"), "M": ("q", "pitch"), "N": ("r", "yaw")}
@@ -57,15 +49,10 @@ _PER = {"": ("m/s²", "1/s²"), "m/s": ("1/s", "1/(m s)"), "1/s": ("m/s", "1/s")
 
 @dataclass(frozen=True)
 class StaticMargin:
-    """Distance of the neutral point behind the centre of gravity, % of the mean chord.
+    """Distance of the neutral point behind the centre of gravity, % of the mean chord."""
 
-    Attributes:
-        held: with the elastic modes held at their trimmed deflection.
-        flown: with the modes following in static equilibrium; the same without modes.
-    """
-
-    held: float
-    flown: float
+    held: float  #: with the elastic modes held at their trimmed deflection
+    flown: float  #: with the modes following in static equilibrium; the same without modes
 
 
 def static_margin(aircraft: Aircraft, derivatives: Sequence[Derivative]) -> StaticMargin:
@@ -172,23 +159,14 @@ def _residualised(model: LinearModel, modal: Sequence[int]) -> LinearModel:
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """One parameter: its estimate, standard errors and, where it is known, the truth.
+    """One parameter: its estimate, standard errors and, where it is known, the truth."""
 
-    Attributes:
-        name: symbol.
-        value: estimate, or the value it was held at.
-        std: standard error, corrected for coloured residuals; 0 if held.
-        std_white: standard error for white residuals.
-        free: estimated or held.
-        true: true value of the simulated aircraft at trim; None if not known.
-    """
-
-    name: str
-    value: float
-    std: float
-    std_white: float
-    free: bool
-    true: float | None
+    name: str  #: symbol
+    value: float  #: estimate, or the value it was held at
+    std: float  #: standard error, corrected for coloured residuals; 0 if held
+    std_white: float  #: standard error for white residuals
+    free: bool  #: estimated or held
+    true: float | None  #: true value of the simulated aircraft at trim; None if not known
 
     @property
     def deviations(self) -> float | None:

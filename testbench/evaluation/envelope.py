@@ -33,27 +33,18 @@ class Untrimmed:
 
 @dataclass(frozen=True)
 class Onset:
-    """Where an elastic mode becomes unstable with rising speed.
+    """Where an elastic mode becomes unstable with rising speed."""
 
-    Attributes:
-        name: the mode.
-        V_m_s: interpolated speed of zero damping; the slowest speed if it is unstable there already; None if it is
-            stable at every speed.
-        f_hz: frequency there; 0 for divergence.
-        kind: "flutter" (an oscillatory pole), "divergence" (a real one) or "none".
-        V_last_m_s: fastest speed that was examined.
-        at_start: it is unstable at the slowest speed already.
-        std_m_s: standard deviation of the speed by :data:`PRIORS`; None where it is not known.
-        wake: the same in air that lags, for a mode whose reduced frequency at the design speed exceeds 0.1; else None.
-    """
-
-    name: str
+    name: str  # the mode
+    # interpolated speed of zero damping; the slowest speed if it is unstable there already; None if it is stable at
+    # every speed
     V_m_s: float | None
-    f_hz: float
-    kind: str
-    V_last_m_s: float
-    at_start: bool = False
-    std_m_s: float | None = None
+    f_hz: float  # frequency there; 0 for divergence
+    kind: str  # "flutter" (an oscillatory pole), "divergence" (a real one) or "none"
+    V_last_m_s: float  # fastest speed that was examined
+    at_start: bool = False  # it is unstable at the slowest speed already
+    std_m_s: float | None = None  # standard deviation of the speed by :data:`PRIORS`; None where it is not known
+    # the same in air that lags, for a mode whose reduced frequency at the design speed exceeds 0.1; else None
     wake: Onset | None = None
 
     @property
@@ -77,31 +68,21 @@ class Onset:
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """Trims, linear models and modes at each speed that could be trimmed, in order of speed.
+    """Trims, linear models and modes at each speed that could be trimmed, in order of speed."""
 
-    Attributes:
-        aircraft: what was flown.
-        h_m: altitude above sea level, m.
-        speeds: (n,) true airspeeds, m/s, ascending.
-        trims, models: (n,) trimmed flights and linear models.
-        poles: (n,) mode -> its poles, rad/s: one with imaginary part not negative, or the two roots it has split into.
-        motion: mode -> "longitudinal" or "lateral-directional".
-        elastic: elastic mode -> its number.
-        untrimmed: speeds that were asked for and cannot be flown.
-        varied: elastic mode -> its poles (n, 1 + m), after the nominal ones those with each of :data:`PRIORS` one
-            deviation up; first in quasi-steady air and then, where its reduced frequency at the design speed exceeds
-            0.1, in air that lags.
-    """
-
-    aircraft: Aircraft
-    h_m: float
-    speeds: tuple[float, ...]
+    aircraft: Aircraft  # what was flown
+    h_m: float  # altitude above sea level, m
+    speeds: tuple[float, ...]  # (n,) true airspeeds, m/s, ascending
+    # trims, models: (n,) trimmed flights and linear models
     trims: tuple[TrimmedFlight, ...]
     models: tuple[LinearModel, ...]
+    # (n,) mode -> its poles, rad/s: one with imaginary part not negative, or the two roots it has split into
     poles: tuple[Mapping[str, tuple[complex, ...]], ...]
-    motion: Mapping[str, str]
-    elastic: Mapping[str, int]
-    untrimmed: tuple[Untrimmed, ...] = ()
+    motion: Mapping[str, str]  # mode -> "longitudinal" or "lateral-directional"
+    elastic: Mapping[str, int]  # elastic mode -> its number
+    untrimmed: tuple[Untrimmed, ...] = ()  # speeds that were asked for and cannot be flown
+    # elastic mode -> its poles (n, 1 + m), after the nominal ones those with each of :data:`PRIORS` one deviation up;
+    # first in quasi-steady air and then, where its reduced frequency at the design speed exceeds 0.1, in air that lags
     varied: Mapping[str, tuple[NDArray[np.complex128], ...]] = field(default_factory=dict)
 
     def nearest(self, V_m_s: float) -> int:

@@ -16,22 +16,15 @@ __all__ = ["EXCITED_DB", "ModeExcitation", "excitation"]
 
 @dataclass(frozen=True)
 class ModeExcitation:
-    """How one input excites one mode.
+    """How one input excites one mode."""
 
-    Attributes:
-        mode: name.
-        pole: rad/s.
-        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta), or the resolution of the record; of a
-            real root s, up to |s|.
-        input_share: share of the input's energy inside that band.
-        snr_db: sensor -> energy of the mode's response in that band over the noise energy there, dB.
-    """
-
-    mode: str
-    pole: complex
+    mode: str  #: name
+    pole: complex  #: rad/s
+    #: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta), or the resolution of the record; of a real root s,
+    #: up to |s|
     band_rad_s: tuple[float, float]
-    input_share: float
-    snr_db: Mapping[str, float]
+    input_share: float  #: share of the input's energy inside that band
+    snr_db: Mapping[str, float]  #: sensor -> energy of the mode's response in that band over the noise energy there, dB
 
     @property
     def best_sensor(self) -> str:

@@ -81,15 +81,10 @@ def _norm(x: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class BodeError:
-    """Errors of a frequency response, per output, over frequencies and inputs.
+    """Errors of a frequency response, per output, over frequencies and inputs."""
 
-    Attributes:
-        magnitude_db: (p,) root mean square of 20 log10 |found / true|.
-        relative_percent: (p,) root mean square of 100 |found - true| / |true|, which counts phase too.
-    """
-
-    magnitude_db: FloatArray
-    relative_percent: FloatArray
+    magnitude_db: FloatArray  #: (p,) root mean square of 20 log10 |found / true|
+    relative_percent: FloatArray  #: (p,) root mean square of 100 |found - true| / |true|, which counts phase too
 
 
 def bode_error(found: ComplexArray, true: ComplexArray) -> BodeError:

@@ -90,16 +90,11 @@ def frequency_and_damping(pole: complex) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Eigenvalues and eigenvectors of one motion.
+    """Eigenvalues and eigenvectors of one motion."""
 
-    Attributes:
-        states: (n,) names.
-        poles: (n,) eigenvalues, rad/s; both of a conjugate pair.
-        right, left: (n, n) eigenvectors in columns; the left ones scaled to left^H right = 1.
-    """
-
-    states: tuple[str, ...]
-    poles: NDArray[np.complex128]
+    states: tuple[str, ...]  # (n,) names
+    poles: NDArray[np.complex128]  # (n,) eigenvalues, rad/s; both of a conjugate pair
+    # right, left: (n, n) eigenvectors in columns; the left ones scaled to left^H right = 1
     right: NDArray[np.complex128]
     left: NDArray[np.complex128]
 
@@ -237,23 +232,14 @@ def poles_of(found: Spectrum, owned: Sequence[int]) -> tuple[complex, ...]:
 
 @dataclass(frozen=True)
 class PoleMatch:
-    """One mode and the pole that was found for it.
+    """One mode and the pole that was found for it."""
 
-    Attributes:
-        name: the mode.
-        true: its pole, rad/s, imaginary part not negative.
-        found: the identified pole, or None if none lies near.
-        wn_error_percent: 100 (|found| / |true| - 1), or None.
-        zeta_error: damping ratio found minus true, or None.
-        outputs: the outputs whose poles were searched.
-    """
-
-    name: str
-    true: complex
-    found: complex | None
-    wn_error_percent: float | None
-    zeta_error: float | None
-    outputs: str = ""
+    name: str  # the mode
+    true: complex  # its pole, rad/s, imaginary part not negative
+    found: complex | None  # the identified pole, or None if none lies near
+    wn_error_percent: float | None  # 100 (|found| / |true| - 1), or None
+    zeta_error: float | None  # damping ratio found minus true, or None
+    outputs: str = ""  # the outputs whose poles were searched
 
 
 def match_poles(found: ArrayLike, true: Mapping[str, complex], outputs: str = "") -> list[PoleMatch]:

@@ -29,17 +29,12 @@ class Interval:
 
 @dataclass(frozen=True)
 class Paired:
-    """What a set of paired differences says.
+    """What a set of paired differences says."""
 
-    Attributes:
-        pairs: how many.
-        difference: Hodges-Lehmann pseudo-median (Wilcoxon) or mean (t), with its 95 % interval; None: too few pairs.
-        p: two-sided probability of such differences by chance; None: too few pairs.
-    """
-
-    pairs: int
+    pairs: int  #: how many
+    #: Hodges-Lehmann pseudo-median (Wilcoxon) or mean (t), with its 95 % interval; None: too few pairs
     difference: Interval | None
-    p: float | None
+    p: float | None  #: two-sided probability of such differences by chance; None: too few pairs
 
 
 def root_mean_square(errors: FloatArray) -> Interval | None:
@@ -226,23 +221,14 @@ def calibration(errors: FloatArray, stated: FloatArray) -> Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """How methods rank over data sets, rank 1 for the smallest error.
+    """How methods rank over data sets, rank 1 for the smallest error."""
 
-    Attributes:
-        blocks: number of data sets.
-        mean: (k,) mean ranks; ties share theirs.
-        chi2: Friedman's statistic, without correction for ties.
-        p: probability of such ranks if all methods are alike, by the F of Iman and Davenport (1980).
-        critical: difference of mean ranks beyond which two methods differ, by Nemenyi's test.
-        level: of that test.
-    """
-
-    blocks: int
-    mean: FloatArray
-    chi2: float
-    p: float
-    critical: float
-    level: float
+    blocks: int  #: number of data sets
+    mean: FloatArray  #: (k,) mean ranks; ties share theirs
+    chi2: float  #: Friedman's statistic, without correction for ties
+    p: float  #: probability of such ranks if all methods are alike, by the F of Iman and Davenport (1980)
+    critical: float  #: difference of mean ranks beyond which two methods differ, by Nemenyi's test
+    level: float  #: of that test
 
     def groups(self) -> list[tuple[int, ...]]:
         """Return the largest sets of methods that the test cannot tell apart, each in the order of the ranks."""

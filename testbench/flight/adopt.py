@@ -74,30 +74,19 @@ _NOT_FIXED_WING = (
 
 @dataclass(frozen=True, eq=False)
 class Adopted:
-    """A foreign model as an aircraft of the testbench.
+    """A foreign model as an aircraft of the testbench."""
 
-    Attributes:
-        aircraft: ready to be trimmed and flown.
-        trimmed: at the design condition.
-        found: what was found, in sentences.
-        assumed: what was assumed, in sentences.
-        engines: what drives it, one line per engine.
-        tanks_kg: fuel in every tank.
-        missing: moments and products of inertia that the model does not give; they count as zero.
-        slowest, fastest: speeds between which it trims, m/s.
-        ends: why it trims no slower and no faster.
-    """
-
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    found: tuple[str, ...]
-    assumed: tuple[str, ...]
-    engines: tuple[str, ...]
-    tanks_kg: tuple[float, ...]
-    missing: tuple[str, ...]
+    aircraft: Aircraft  # ready to be trimmed and flown
+    trimmed: TrimmedFlight  # at the design condition
+    found: tuple[str, ...]  # what was found, in sentences
+    assumed: tuple[str, ...]  # what was assumed, in sentences
+    engines: tuple[str, ...]  # what drives it, one line per engine
+    tanks_kg: tuple[float, ...]  # fuel in every tank
+    missing: tuple[str, ...]  # moments and products of inertia that the model does not give; they count as zero
+    # slowest, fastest: speeds between which it trims, m/s
     slowest: float
     fastest: float
-    ends: tuple[str, str]
+    ends: tuple[str, str]  # why it trims no slower and no faster
 
 
 def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:

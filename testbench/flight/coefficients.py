@@ -128,13 +128,9 @@ def _lift_drag_side(body: Sequence[float], alpha: float, beta: float) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class Perturbed(Mapping[str, float]):
-    """The coefficients of an aircraft at its design condition, found when they are first asked for.
+    """The coefficients of an aircraft at its design condition, found when they are first asked for."""
 
-    Attributes:
-        aircraft: as loaded, without amendments.
-    """
-
-    aircraft: Aircraft
+    aircraft: Aircraft  # as loaded, without amendments
     _found: dict[str, float] = field(default_factory=dict)
 
     def _all(self) -> dict[str, float]:

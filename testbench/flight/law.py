@@ -38,18 +38,12 @@ _GONE = 0.02  # size of an eigenvalue of Ad that has decayed within a sample
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """The law of an aircraft about a trim, linear: dz/dt = A z + B v, demand = C z + D v, v what it feels and sticks.
+    """A law linear about a trim: dz/dt = A z + B v, demand = C z + D v, v what the aircraft feels and sticks."""
 
-    Attributes:
-        surfaces: controls whose surface it moves, s of them.
-        states: names of z, k of them.
-        felt: states of the aircraft, then commands: names of v, m of them.
-        A, B, C, D: (k, k), (k, m), (s, k), (s, m), rad.
-    """
-
-    surfaces: tuple[str, ...]
-    states: tuple[str, ...]
-    felt: tuple[str, ...]
+    surfaces: tuple[str, ...]  # controls whose surface it moves, s of them
+    states: tuple[str, ...]  # names of z, k of them
+    felt: tuple[str, ...]  # states of the aircraft, then commands: names of v, m of them
+    # A, B, C, D: (k, k), (k, m), (s, k), (s, m), rad
     A: FloatArray
     B: FloatArray
     C: FloatArray

@@ -133,23 +133,14 @@ def beside(at: Points, names: Sequence[str], weights: Mapping[int, float]) -> Po
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What a linear model of an aircraft is made of.
+    """What a linear model of an aircraft is made of."""
 
-    Attributes:
-        states: of the rigid body and its modes.
-        inputs: control channels.
-        outputs: channels of the simulator, and those of wing stations.
-        stations: (channels of stations, channels of the simulator) weights.
-        memories: states that amendments bring with them.
-        servos: surface that a servo moves -> its corner frequency, rad/s.
-    """
-
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    stations: FloatArray
-    memories: tuple[Memory, ...]
-    servos: Mapping[str, float]
+    states: tuple[str, ...]  #: of the rigid body and its modes
+    inputs: tuple[str, ...]  #: control channels
+    outputs: tuple[str, ...]  #: channels of the simulator, and those of wing stations
+    stations: FloatArray  #: (channels of stations, channels of the simulator) weights
+    memories: tuple[Memory, ...]  #: states that amendments bring with them
+    servos: Mapping[str, float]  #: surface that a servo moves -> its corner frequency, rad/s
 
     @classmethod
     def of(cls, aircraft: Aircraft, channels: Sequence[str], servos: Mapping[str, float]) -> Layout:

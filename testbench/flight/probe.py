@@ -50,33 +50,21 @@ _NO_ANGLE = re.compile(
 
 @dataclass(frozen=True)
 class Moved:
-    """A property that a command moves.
+    """A property that a command moves."""
 
-    Attributes:
-        name: JSBSim property.
-        commands: (n,) from -1 to 1.
-        values: (n,) of the property.
-    """
-
-    name: str
-    commands: FloatArray
-    values: FloatArray
+    name: str  # JSBSim property
+    commands: FloatArray  # (n,) from -1 to 1
+    values: FloatArray  # (n,) of the property
 
 
 @dataclass(frozen=True)
 class Probe:
-    """What was found on the controls of a model.
+    """What was found on the controls of a model."""
 
-    Attributes:
-        links: control surfaces as the adapter drives them.
-        found: sentences on what was found.
-        assumed: sentences on what was assumed.
-        augmented: controls whose surface moves with the motion of the aircraft although its command stands still.
-    """
-
-    links: tuple[Link, ...]
-    found: tuple[str, ...]
-    assumed: tuple[str, ...]
+    links: tuple[Link, ...]  # control surfaces as the adapter drives them
+    found: tuple[str, ...]  # sentences on what was found
+    assumed: tuple[str, ...]  # sentences on what was assumed
+    # controls whose surface moves with the motion of the aircraft although its command stands still
     augmented: tuple[str, ...]
 
 

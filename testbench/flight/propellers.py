@@ -99,33 +99,20 @@ class _Governor:
 
 @dataclass
 class _Frames:
-    """How long a frame may be, as found from frame to frame; kept from one search to the next.
+    """How long a frame may be, as found from frame to frame; kept from one search to the next."""
 
-    Attributes:
-        slowing: d rate / d speed (n,), 1/s.
-        lag: of the manifold, s: a frame as long as that fills it at once.
-        fill: longest frame that ends where it should, s; at first the lag of the manifold.
-        share: of the way to the speed wanted that blades are turned for; the manifold goes the rest.
-        longest: that is allowed now, s.
-        searches: JSBSim's own, made in this search.
-        fresh: manifolds have filled to what the throttle wants, which they do only in a frame.
-        trusted: longest frame that may fill the manifold yet, s; throttles may show some frames late.
-        filling: length of a frame in which the manifold, as it fills, takes a speed off by no more than it may miss, s.
-        filled: frames that filled the manifold in this search; -1 if none may.
-        motors: drive all of them: quick, and nothing lags behind them.
-    """
-
-    slowing: FloatArray
-    lag: float
-    fill: float
-    share: float = 1.0
-    longest: float = 0.0
-    searches: int = 0
-    fresh: bool = False
-    trusted: float = 0.0
+    slowing: FloatArray  # d rate / d speed (n,), 1/s
+    lag: float  # of the manifold, s: a frame as long as that fills it at once
+    fill: float  # longest frame that ends where it should, s; at first the lag of the manifold
+    share: float = 1.0  # of the way to the speed wanted that blades are turned for; the manifold goes the rest
+    longest: float = 0.0  # that is allowed now, s
+    searches: int = 0  # JSBSim's own, made in this search
+    fresh: bool = False  # manifolds have filled to what the throttle wants, which they do only in a frame
+    trusted: float = 0.0  # longest frame that may fill the manifold yet, s; throttles may show some frames late
+    # length of a frame in which the manifold, as it fills, takes a speed off by no more than it may miss, s
     filling: float = 0.0
-    filled: int = 0
-    motors: bool = False
+    filled: int = 0  # frames that filled the manifold in this search; -1 if none may
+    motors: bool = False  # drive all of them: quick, and nothing lags behind them
 
     def begin(self, careful: bool, may_fill: bool) -> None:
         """Begin a search; ``careful`` after a change of throttle, as the manifold changes the power within a frame."""

@@ -17,17 +17,11 @@ from testbench.flight.trim import horizon_rates, place_at_trim, steady_wind
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """Where a flight begins.
+    """Where a flight begins."""
 
-    Attributes:
-        trimmed: its trim.
-        start: how far from it; None for the trim itself.
-        controls: control -> absolute command, SI.
-    """
-
-    trimmed: TrimmedFlight
-    start: Start | None
-    controls: Mapping[str, float]
+    trimmed: TrimmedFlight  # its trim
+    start: Start | None  # how far from it; None for the trim itself
+    controls: Mapping[str, float]  # control -> absolute command, SI
 
     @classmethod
     def at(cls, trimmed: TrimmedFlight) -> Beginning:

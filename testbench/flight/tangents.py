@@ -400,25 +400,15 @@ def _checked(points: _Points, manoeuvre: Manoeuvre) -> tuple[Tangents, _Rungs]:
 
 @dataclass(frozen=True, eq=False)
 class _Ladder:
-    """What the rungs of one parameter say.
+    """What the rungs of one parameter say."""
 
-    Attributes:
-        derivative: (n, m).
-        error: (m,) greatest over the samples.
-        steps: (m,).
-        central: both sides flew.
-        forward: step of forward differences; negative if only the lower side flies.
-        forward_error: (m,) their error, of the largest derivative in each channel.
-        notes: sentences.
-    """
-
-    derivative: FloatArray
-    error: FloatArray
-    steps: FloatArray
-    central: bool
-    forward: float
-    forward_error: FloatArray
-    notes: tuple[str, ...]
+    derivative: FloatArray  #: (n, m)
+    error: FloatArray  #: (m,) greatest over the samples
+    steps: FloatArray  #: (m,)
+    central: bool  #: both sides flew
+    forward: float  #: step of forward differences; negative if only the lower side flies
+    forward_error: FloatArray  #: (m,) their error, of the largest derivative in each channel
+    notes: tuple[str, ...]  #: sentences
 
     @classmethod
     def of(cls, parameter: FlightParameter, centre: FlightRecord, rungs: Sequence[Ends]) -> _Ladder | None:

@@ -38,25 +38,20 @@ _MOVED = 1e-9  # of an output's unit per unit of a state or input: less is round
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AircraftStructure(LinearStructure):
-    """The linearised aircraft with chosen derivatives free; see the module's docstring.
+    """The linearised aircraft with chosen derivatives free; see the module's docstring."""
 
-    Attributes:
-        A0, B0, C0, D0: the matrices at the parameters' true values.
-        P: (p, n) accelerations in each output.
-        directions: per parameter (k,) the matrix (n, n + m) that it multiplies in [A, B]; zero for frequencies and
-            damping ratios, which ``modal`` names.
-        modal: (index of omega, index of zeta, row of the mode's velocity, column of its displacement) per mode.
-        true: (k,) the parameters that give A0 and B0.
-    """
-
+    # A0, B0, C0, D0: the matrices at the parameters' true values
     A0: FloatArray
     B0: FloatArray
     C0: FloatArray
     D0: FloatArray
-    P: FloatArray
+    P: FloatArray  # (p, n) accelerations in each output
+    # per parameter (k,) the matrix (n, n + m) that it multiplies in [A, B]; zero for frequencies and damping ratios,
+    # which ``modal`` names
     directions: FloatArray
+    # (index of omega, index of zeta, row of the mode's velocity, column of its displacement) per mode
     modal: tuple[tuple[int, int, int, int], ...]
-    true: FloatArray
+    true: FloatArray  # (k,) the parameters that give A0 and B0
 
     @property
     def moved(self) -> NDArray[np.bool_]:

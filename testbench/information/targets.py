@@ -25,20 +25,13 @@ _BY_CONTROL = {"longitudinal": ("Z", "M"), "lateral": ("L", "N")}
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Quantities to be known: linear functions, near the truth, of the parameters.
+    """Quantities to be known: linear functions, near the truth, of the parameters."""
 
-    Attributes:
-        names: (t,) e.g. "M_alpha" or "wn of short period".
-        values: (t,) true values.
-        wanted: (t,) wanted standard errors, same units.
-        jacobian: (t, k) derivatives by the parameters.
-        modes: mode -> its pole, or the two real roots that it has split into; those of the names "wn of", "zeta of".
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    wanted: FloatArray
-    jacobian: FloatArray
+    names: tuple[str, ...]  # (t,) e.g. "M_alpha" or "wn of short period".
+    values: FloatArray  # (t,) true values
+    wanted: FloatArray  # (t,) wanted standard errors, same units
+    jacobian: FloatArray  # (t, k) derivatives by the parameters
+    # mode -> its pole, or the two real roots that it has split into; those of the names "wn of", "zeta of"
     modes: Mapping[str, complex | tuple[complex, complex]] = field(default_factory=dict)
 
     def at(self, structure: AircraftStructure, params: FloatArray) -> FloatArray:

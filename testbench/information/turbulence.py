@@ -32,18 +32,13 @@ INERTIAL = frozenset({"h", "hdot", "Vg", "phi", "theta", "psi", "v_north", "v_ea
 
 @dataclass(frozen=True, eq=False)
 class Turbulence:
-    """The linearised aircraft in Dryden turbulence, in continuous time.
+    """The linearised aircraft in Dryden turbulence, in continuous time."""
 
-    Attributes:
-        A: (n, n) states of the aircraft, of the gust's forming filters, of the sensors' lags.
-        F: (n, 3 + m) what white noise of unit intensity does to them: of the gust along, to the right and down, and of
-            sensed deflections.
-        C: (p, n) what the sensors show.
-    """
-
-    A: FloatArray
+    A: FloatArray  # (n, n) states of the aircraft, of the gust's forming filters, of the sensors' lags
+    # (n, 3 + m) what white noise of unit intensity does to them: of the gust along, to the right and down, and of
+    # sensed deflections
     F: FloatArray
-    C: FloatArray
+    C: FloatArray  # (p, n) what the sensors show
 
     @classmethod
     def of(

@@ -39,19 +39,12 @@ _PLAIN = {
 
 
 class Series(NamedTuple):
-    """Columns found in a structure.
+    """Columns found in a structure."""
 
-    Attributes:
-        root: path of the structure that the names count from, "" for the whole file.
-        columns: name -> (n,) samples; all of one length.
-        units: name -> unit that the structure states.
-        others: name -> (k,) samples of vectors of other lengths.
-    """
-
-    root: str
-    columns: dict[str, FloatArray]
-    units: dict[str, str]
-    others: dict[str, FloatArray]
+    root: str  # path of the structure that the names count from, "" for the whole file
+    columns: dict[str, FloatArray]  # name -> (n,) samples; all of one length
+    units: dict[str, str]  # name -> unit that the structure states
+    others: dict[str, FloatArray]  # name -> (k,) samples of vectors of other lengths
 
 
 class _Leaf(NamedTuple):

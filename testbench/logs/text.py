@@ -35,45 +35,29 @@ _NAMES = {",": "a comma", ";": "';'", "\t": "a tab", "|": "'|'", None: "blanks"}
 
 
 class Cells(NamedTuple):
-    """Header and cells of a text file.
+    """Header and cells of a text file."""
 
-    Attributes:
-        names, units: (m,) of the columns, "" where none is given.
-        columns: (m,) columns of n cells.
-        lines: (n,) line of each row, counted from 1.
-        decimal: the decimal sign of the numbers.
-        said: what was recognised that a plain CSV does not have, in words.
-        damaged: number of lines left out, where ``lenient``.
-        above: lines above the heading that name no column and hold no samples, such as a title.
-    """
-
+    # names, units: (m,) of the columns, "" where none is given
     names: tuple[str, ...]
     units: tuple[str, ...]
-    columns: tuple[tuple[str, ...], ...]
-    lines: list[int]
-    decimal: str
-    said: tuple[str, ...]
-    damaged: int
-    above: tuple[str, ...] = ()
+    columns: tuple[tuple[str, ...], ...]  # (m,) columns of n cells
+    lines: list[int]  # (n,) line of each row, counted from 1
+    decimal: str  # the decimal sign of the numbers
+    said: tuple[str, ...]  # what was recognised that a plain CSV does not have, in words
+    damaged: int  # number of lines left out, where ``lenient``
+    above: tuple[str, ...] = ()  # lines above the heading that name no column and hold no samples, such as a title
 
 
 class TextForm(NamedTuple):
-    """How a table is written as text, as far as it is not recognised.
+    """How a table is written as text, as far as it is not recognised."""
 
-    Attributes:
-        header: "auto" takes names (and units, if a second row of them follows) from the last rows before the numbers
-            that have as many entries as these; "none" takes every row as numbers.
-        skip_rows: lines to leave out at the beginning.
-        delimiter: character between cells, recognised if not given.
-        decimal: "." or ",", recognised if not given.
-        lenient: leave damaged lines out and count them.
-    """
-
+    # "auto" takes names (and units, if a second row of them follows) from the last rows before the numbers that have as
+    # many entries as these; "none" takes every row as numbers
     header: str = "auto"
-    skip_rows: int = 0
-    delimiter: str | None = None
-    decimal: str | None = None
-    lenient: bool = False
+    skip_rows: int = 0  # lines to leave out at the beginning
+    delimiter: str | None = None  # character between cells, recognised if not given
+    decimal: str | None = None  # "." or ",", recognised if not given
+    lenient: bool = False  # leave damaged lines out and count them
 
 
 class _Lines(NamedTuple):

@@ -29,21 +29,14 @@ _HUGE = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """Panels one below the other over one horizontal axis, which they share; one of several that a reader chooses.
+    """Panels one below the other over one horizontal axis, which they share; one of several that a reader chooses."""
 
-    Attributes:
-        name: in the list of views.
-        panels: at least one.
-        reference: name of the curve from which the others are subtracted when residuals are asked for; "" offers none.
-        plane: both axes are alike, as in a map of poles: zoom and cursor work in the plane.
-        link: views of a page with one link move together; "" for none.
-    """
-
-    name: str
-    panels: Sequence[Panel]
+    name: str  # in the list of views
+    panels: Sequence[Panel]  # at least one
+    # name of the curve from which the others are subtracted when residuals are asked for; "" offers none
     reference: str = ""
-    plane: bool = False
-    link: str = ""
+    plane: bool = False  # both axes are alike, as in a map of poles: zoom and cursor work in the plane
+    link: str = ""  # views of a page with one link move together; "" for none
 
 
 def to_json(views: Sequence[View], values: int = MOST_VALUES) -> str:

@@ -65,38 +65,28 @@ def shades(count: int) -> list[str]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """One line, or signs.
+    """One line, or signs."""
 
-    Attributes:
-        x, y: points (n,) in the units of the panel; NaN where the line is broken.
-        name: of the legend; curves of one name have one entry. "" for none.
-        colour, dash, width: of the line; lengths in points.
-        marker: "o", "s", "D", "^", "v", "P", "+", "|" or "."; signs take the place of the line unless ``joined``.
-        size: of the signs, points.
-        hollow: only the outlines of the signs are drawn, or white is within them if it is "white".
-        steps: a value holds until the next one.
-        x_error, y_error: half lengths of bars at every point.
-        alpha: opacity.
-        order: what is higher lies above; 2 for lines, 0 below the grid.
-        clip: what lies beyond the axes is cut off.
-    """
-
+    # x, y: points (n,) in the units of the panel; NaN where the line is broken
     x: Numbers
     y: Numbers
-    name: str = ""
+    name: str = ""  # of the legend; curves of one name have one entry. "" for none.
+    # colour, dash, width: of the line; lengths in points
     colour: str = INK
     dash: Dash = ()
     width: float = 1.3
+    # "o", "s", "D", "^", "v", "P", "+", "|" or "."; signs take the place of the line unless ``joined``
     marker: str = ""
-    size: float = 5.0
-    hollow: bool | str = False
+    size: float = 5.0  # of the signs, points
+    hollow: bool | str = False  # only the outlines of the signs are drawn, or white is within them if it is "white"
     joined: bool = False
-    steps: bool = False
+    steps: bool = False  # a value holds until the next one
+    # x_error, y_error: half lengths of bars at every point
     x_error: float | FloatArray | None = None
     y_error: float | FloatArray | None = None
-    alpha: float | None = None
-    order: float = 2.0
-    clip: bool = True
+    alpha: float | None = None  # opacity
+    order: float = 2.0  # what is higher lies above; 2 for lines, 0 below the grid
+    clip: bool = True  # what lies beyond the axes is cut off
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -153,27 +143,20 @@ class Image:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Words:
-    """A text at a place of the panel.
+    """A text at a place of the panel."""
 
-    Attributes:
-        x, y: the place; ``of_panel`` says that y, or both, are shares of the panel: "y" or "xy".
-        text: what is written, any number of lines.
-        shift: to the right and up, points.
-        across, up: which part of the text stands there: "left", "center", "right"; "bottom", "center", "top".
-        size: of the letters, points.
-        turn: counterclockwise, degrees.
-        bold, on_white: how it looks.
-    """
-
+    # x, y: the place; ``of_panel`` says that y, or both, are shares of the panel: "y" or "xy"
     x: float
     y: float
-    text: str
-    shift: tuple[float, float] = (0.0, 0.0)
+    text: str  # what is written, any number of lines
+    shift: tuple[float, float] = (0.0, 0.0)  # to the right and up, points
+    # across, up: which part of the text stands there: "left", "center", "right"; "bottom", "center", "top"
     across: str = "left"
     up: str = "center"
     colour: str = INK
-    size: float = 8.0
-    turn: float = 0.0
+    size: float = 8.0  # of the letters, points
+    turn: float = 0.0  # counterclockwise, degrees
+    # bold, on_white: how it looks
     bold: bool = False
     on_white: bool = False
     of_panel: str = ""
@@ -207,53 +190,40 @@ def _list(values: float | Iterable[float]) -> Any:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Panel:
-    """One pair of axes and what is drawn on them.
+    """One pair of axes and what is drawn on them."""
 
-    Attributes:
-        draws: what is drawn.
-        title: above its left corner.
-        x, y: names and units of the axes.
-        tall_in, broad: its height, in, and its width relative to that of its neighbours.
-        log_x, log_y: logarithmic axes.
-        x_range, y_range: what is shown; None shows all. Of a log axis an end that is None is that of the curves.
-        x_ticks, y_ticks: (place, text), in the place of numbers; an empty list leaves them out.
-        y_steps: apart of ticks that may be chosen, as multiples of 45 are for degrees.
-        whole: axes whose ticks are whole numbers: "x", "y" or "xy".
-        notes: (text, colour) above its right corner, if there is room.
-        right: a second panel over the same x, its axis at the right; or behind the first, without an axis.
-        behind: this one lies behind the other.
-        x_too: name of a second axis below the first, and the factor to its numbers.
-        y_colour: of the axis.
-        plain, bare: without a grid; without axes, and both to one scale.
-        box_in: left, top, width and height from the figure's upper left corner, in; in place of the grid.
-        name: of what a reader explores; the name of the y axis if "".
-        hidden: explored only when asked for.
-    """
-
-    draws: Sequence[Drawn]
-    title: str = ""
+    draws: Sequence[Drawn]  # what is drawn
+    title: str = ""  # above its left corner
+    # x, y: names and units of the axes
     x: str = ""
     y: str = ""
+    # tall_in, broad: its height, in, and its width relative to that of its neighbours
     tall_in: float = 1.5
     broad: float = 1.0
+    # log_x, log_y: logarithmic axes
     log_x: bool = False
     log_y: bool = False
+    # x_range, y_range: what is shown; None shows all. Of a log axis an end that is None is that of the curves.
     x_range: tuple[float | None, float | None] | None = None
     y_range: tuple[float | None, float | None] | None = None
+    # x_ticks, y_ticks: (place, text), in the place of numbers; an empty list leaves them out
     x_ticks: Sequence[tuple[float, str]] | None = None
     y_ticks: Sequence[tuple[float, str]] | None = None
-    y_steps: Sequence[float] = ()
-    whole: str = ""
-    notes: Sequence[tuple[str, str]] = ()
+    y_steps: Sequence[float] = ()  # apart of ticks that may be chosen, as multiples of 45 are for degrees
+    whole: str = ""  # axes whose ticks are whole numbers: "x", "y" or "xy"
+    notes: Sequence[tuple[str, str]] = ()  # (text, colour) above its right corner, if there is room
+    # a second panel over the same x, its axis at the right; or behind the first, without an axis
     right: Panel | None = None
-    behind: bool = False
-    x_too: tuple[str, float] | None = None
-    y_colour: str = ""
+    behind: bool = False  # this one lies behind the other
+    x_too: tuple[str, float] | None = None  # name of a second axis below the first, and the factor to its numbers
+    y_colour: str = ""  # of the axis
+    # plain, bare: without a grid; without axes, and both to one scale
     plain: bool = False
     bare: bool = False
+    # left, top, width and height from the figure's upper left corner, in; in place of the grid
     box_in: tuple[float, float, float, float] | None = None
-    name: str = ""
-    hidden: bool = False
+    name: str = ""  # of what a reader explores; the name of the y axis if ""
+    hidden: bool = False  # explored only when asked for
 
     @property
     def curves(self) -> list[Curve]:
@@ -263,26 +233,18 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Rows of panels under one legend of all names; see :func:`grid` for many panels of one kind.
+    """Rows of panels under one legend of all names; see :func:`grid` for many panels of one kind."""
 
-    Attributes:
-        rows: at least one panel each; side by side in the wide form, in ``narrow`` columns in the narrow one.
-        narrow: columns of the narrow form.
-        share: of a page's width that the wide form takes.
-        share_x, share_y: panels of a column, or of a row, have one axis, named and numbered once.
-        keys: entries of the legend in the place of those of the panels.
-        size_in: width and height, in; for panels that have places of their own.
-        aligned: rows of fewer panels stand in the columns of the others, too.
-    """
-
+    # at least one panel each; side by side in the wide form, in ``narrow`` columns in the narrow one
     rows: Sequence[Sequence[Panel]]
-    narrow: int = 1
-    share: float = 1.0
+    narrow: int = 1  # columns of the narrow form
+    share: float = 1.0  # of a page's width that the wide form takes
+    # share_x, share_y: panels of a column, or of a row, have one axis, named and numbered once
     share_x: bool = False
     share_y: bool = False
-    keys: Sequence[Curve | Area] | None = None
-    size_in: tuple[float, float] | None = None
-    aligned: bool = False
+    keys: Sequence[Curve | Area] | None = None  # entries of the legend in the place of those of the panels
+    size_in: tuple[float, float] | None = None  # width and height, in; for panels that have places of their own
+    aligned: bool = False  # rows of fewer panels stand in the columns of the others, too
 
     @property
     def panels(self) -> list[Panel]:
@@ -330,21 +292,13 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Plate:
-    """A figure of a report.
+    """A figure of a report."""
 
-    Attributes:
-        name: short, fit for a file name.
-        title: what it shows.
-        caption: what to look at.
-        chart: the figure, or what makes its wide (True) or narrow form.
-        views: what a reader of the page explores; none leaves the figure a drawing.
-    """
-
-    name: str
-    title: str
-    caption: str
-    chart: Chart | Callable[[bool], Chart]
-    views: Sequence[View] = ()
+    name: str  # short, fit for a file name
+    title: str  # what it shows
+    caption: str  # what to look at
+    chart: Chart | Callable[[bool], Chart]  # the figure, or what makes its wide (True) or narrow form
+    views: Sequence[View] = ()  # what a reader of the page explores; none leaves the figure a drawing
 
     def chart_of(self, wide: bool) -> Chart:
         """Return the figure as data: side by side, or one panel below the other for narrow screens."""

@@ -37,51 +37,34 @@ Content = str | bytes | Callable[[Path], Any]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Page:
-    """The answer to one question.
+    """The answer to one question."""
 
-    Attributes:
-        kicker: above the title: which question it is, and of what.
-        title: for people.
-        question: in words, as it was asked; "" if it was not.
-        answer: sentences, or (kind, sentence); the most important first. Capital and full stop are added.
-        heading: of the answer.
-        tables: on the page, and as tables/NAME.csv and .json.
-        more_tables: written, but shown only if the template does so.
-        plates: figures; the first stands with the answer.
-        files: path in the folder -> what it holds, or a function that writes it.
-        more_files: writes what is best made together into the folder, and returns the paths.
-        template: of the page; extends "page.html.j2", which shows all this and has blocks for what a question adds.
-        context: what a template of a question needs beside the page itself.
-        asked: (what, value) of the section "What was asked".
-        packages: those whose versions decide the figures; see COMPUTED and FLOWN.
-        provenance: (what, value) of all else that decides them, such as the seed.
-        flown: by what flights of many were flown; None if there were none. The page and the terminal say it, and
-            tables/flown.csv and .json.
-        source: name and text of the scenario file; None if there was none.
-        terminal: tables that a terminal shows.
-        notes: sentences that a terminal shows below the tables.
-        closing: (what, text) of the last lines on a terminal; "{}" in a text is the folder.
-    """
-
-    kicker: str
-    title: str
-    answer: Answer
-    question: str = ""
-    heading: str = "The answer"
-    tables: Sequence[Table] = ()
-    more_tables: Sequence[Table] = ()
-    plates: Sequence[Plate] = ()
+    kicker: str  # above the title: which question it is, and of what
+    title: str  # for people
+    answer: Answer  # sentences, or (kind, sentence); the most important first. Capital and full stop are added.
+    question: str = ""  # in words, as it was asked; "" if it was not
+    heading: str = "The answer"  # of the answer
+    tables: Sequence[Table] = ()  # on the page, and as tables/NAME.csv and .json
+    more_tables: Sequence[Table] = ()  # written, but shown only if the template does so
+    plates: Sequence[Plate] = ()  # figures; the first stands with the answer
+    # path in the folder -> what it holds, or a function that writes it
     files: Mapping[str, Content] = field(default_factory=dict)
+    # writes what is best made together into the folder, and returns the paths
     more_files: Callable[[Path], Sequence[Path]] = lambda folder: ()
+    # of the page; extends "page.html.j2", which shows all this and has blocks for what a question adds
     template: str = "page.html.j2"
+    # what a template of a question needs beside the page itself
     context: Mapping[str, Any] = field(default_factory=dict)
-    asked: Sequence[tuple[str, str]] = ()
-    packages: Sequence[str] = FLOWN
-    provenance: Sequence[tuple[str, str]] = ()
+    asked: Sequence[tuple[str, str]] = ()  # (what, value) of the section "What was asked"
+    packages: Sequence[str] = FLOWN  # those whose versions decide the figures; see COMPUTED and FLOWN
+    provenance: Sequence[tuple[str, str]] = ()  # (what, value) of all else that decides them, such as the seed
+    # by what flights of many were flown; None if there were none. The page and the terminal say it, and
+    # tables/flown.csv and .json.
     flown: Tally | None = None
-    source: tuple[str, str] | None = None
-    terminal: Sequence[Table] = ()
-    notes: Sequence[str] = ()
+    source: tuple[str, str] | None = None  # name and text of the scenario file; None if there was none
+    terminal: Sequence[Table] = ()  # tables that a terminal shows
+    notes: Sequence[str] = ()  # sentences that a terminal shows below the tables
+    # (what, text) of the last lines on a terminal; "{}" in a text is the folder
     closing: Sequence[tuple[str, str]] = ()
 
     @property

@@ -62,19 +62,12 @@ _METADATA: dict[str, dict[str, None]] = {
 
 @dataclass(frozen=True)
 class Publication:
-    """How figures are written for a paper.
+    """How figures are written for a paper."""
 
-    Attributes:
-        formats: of :data:`FORMATS`.
-        double: over two columns, panels side by side; else one column, panels below each other.
-        style: a matplotlib style file, laid over the house's style; None for the house's alone.
-        latex: text is set by LaTeX.
-    """
-
-    formats: tuple[str, ...]
-    double: bool = True
-    style: Path | None = None
-    latex: bool = False
+    formats: tuple[str, ...]  # of :data:`FORMATS`
+    double: bool = True  # over two columns, panels side by side; else one column, panels below each other
+    style: Path | None = None  # a matplotlib style file, laid over the house's style; None for the house's alone
+    latex: bool = False  # text is set by LaTeX
 
     def settings(self) -> dict[str, Any]:
         """Return matplotlib's settings: those of the house, then of the style file, then of LaTeX.

@@ -77,25 +77,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a report; ``rows`` hold one value per column.
+    """A table of a report; ``rows`` hold one value per column."""
 
-    Attributes:
-        name: short, fit for a file name.
-        title: what it shows.
-        caption: how to read it.
-        columns: at least one.
-        rows: values in the order of the columns.
-        total: the last row is a mean or sum and is set off.
-        wide: long text in cells; the page lets it wrap.
-    """
-
-    name: str
-    title: str
-    caption: str
-    columns: tuple[Column, ...]
-    rows: tuple[tuple[Value, ...], ...]
-    total: bool = False
-    wide: bool = False
+    name: str  # short, fit for a file name
+    title: str  # what it shows
+    caption: str  # how to read it
+    columns: tuple[Column, ...]  # at least one
+    rows: tuple[tuple[Value, ...], ...]  # values in the order of the columns
+    total: bool = False  # the last row is a mean or sum and is set off
+    wide: bool = False  # long text in cells; the page lets it wrap
 
     @classmethod
     def of(

@@ -38,15 +38,12 @@ _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
 @dataclass
 class Manner:
-    """How a command answers, and what it has answered so far.
+    """How a command answers, and what it has answered so far."""
 
-    Attributes:
-        how: "" in few lines, "quiet" with the first sentence and where the result lies, "verbose" with all of it,
-            "json" with the result as the API gives it.
-        content: of the one JSON object that "json" prints when the command ends.
-    """
-
+    # "" in few lines, "quiet" with the first sentence and where the result lies, "verbose" with all of it, "json" with
+    # the result as the API gives it
     how: str = ""
+    # of the one JSON object that "json" prints when the command ends
     content: dict[str, Any] = field(default_factory=dict)
 
 

@@ -88,37 +88,24 @@ class LogCoefficients:
 
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """Which coefficients are linear in which variable, counted from a reference.
+    """Which coefficients are linear in which variable, counted from a reference."""
 
-    Attributes:
-        variable: "V", "qbar" or "alpha"; "" if all are constant.
-        reference: of the variable, SI.
-        names: of the coefficients that have a slope.
-    """
-
-    variable: str = ""
-    reference: float = 0.0
-    names: tuple[str, ...] = ()
+    variable: str = ""  #: "V", "qbar" or "alpha"; "" if all are constant
+    reference: float = 0.0  #: of the variable, SI
+    names: tuple[str, ...] = ()  #: of the coefficients that have a slope
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The result of generalised least squares.
+    """The result of generalised least squares."""
 
-    Attributes:
-        names: (k,) coefficients; their values at the reference are the first k of ``b``, then come the slopes.
-        trend: which of them have a slope.
-        b: (k + s,) estimates.
-        information: (k + s, k + s).
-        residuals: per log, (k_i,): what its estimate lies above the fit.
-        chi2, dof: weighted sum of squares of the residuals, and its degrees of freedom.
-    """
-
+    #: (k,) coefficients; their values at the reference are the first k of ``b``, then come the slopes
     names: tuple[str, ...]
-    trend: Trend
-    b: FloatArray
-    information: FloatArray
-    residuals: tuple[FloatArray, ...]
+    trend: Trend  #: which of them have a slope
+    b: FloatArray  #: (k + s,) estimates
+    information: FloatArray  #: (k + s, k + s)
+    residuals: tuple[FloatArray, ...]  #: per log, (k_i,): what its estimate lies above the fit
+    #: chi2, dof: weighted sum of squares of the residuals, and its degrees of freedom
     chi2: float
     dof: int
 

@@ -32,32 +32,20 @@ _HALVINGS = 40
 
 @dataclass(frozen=True)
 class Cause:
-    """One quantity whose errors from log to log would explain a disagreement.
+    """One quantity whose errors from log to log would explain a disagreement."""
 
-    Attributes:
-        what: in words.
-        size: relative standard deviation, log to log, with which the logs agree.
-        deviations: log -> relative error of the quantity, as the coefficients show it.
-    """
-
-    what: str
-    size: float
-    deviations: Mapping[str, float]
+    what: str  #: in words
+    size: float  #: relative standard deviation, log to log, with which the logs agree
+    deviations: Mapping[str, float]  #: log -> relative error of the quantity, as the coefficients show it
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What is known of a disagreement.
+    """What is known of a disagreement."""
 
-    Attributes:
-        between: coefficient -> standard deviation from log to log beyond the logs' own errors.
-        outlying: the one log without which the others agree; "" if there is no such.
-        causes: quantities of which an error would explain it.
-    """
-
-    between: Mapping[str, float]
-    outlying: str
-    causes: tuple[Cause, ...]
+    between: Mapping[str, float]  #: coefficient -> standard deviation from log to log beyond the logs' own errors
+    outlying: str  #: the one log without which the others agree; "" if there is no such
+    causes: tuple[Cause, ...]  #: quantities of which an error would explain it
 
 
 def disagreement(
@@ -181,16 +169,11 @@ _SHARES = {
 
 
 class PoolCriteria(NamedTuple):
-    """What decides; derived from the false alarms that are admitted, but for the last, which is judged.
+    """What decides; derived from the false alarms that are admitted, but for the last, which is judged."""
 
-    Attributes:
-        trend: share of sets of logs without a trend that show one.
-        agree: share of sets of logs that agree but are said not to.
-        conflict: standard deviations of their difference between data and prior from which they contradict each other.
-    """
-
-    trend: float = 0.01
-    agree: float = 0.01
+    trend: float = 0.01  #: share of sets of logs without a trend that show one
+    agree: float = 0.01  #: share of sets of logs that agree but are said not to
+    #: standard deviations of their difference between data and prior from which they contradict each other
     conflict: float = 3.0
 
 
@@ -199,35 +182,28 @@ CRITERIA = PoolCriteria()
 
 @dataclass(frozen=True)
 class PooledCoefficient:
-    """One coefficient of all logs, at the reference of its trend.
+    """One coefficient of all logs, at the reference of its trend."""
 
-    Attributes:
-        name: such as "Cm_alpha".
-        logs: how many hold it.
-        value, std: what the data say, and its standard error, with ``between`` and the factor for scatter in it.
-        own_std: standard error by the logs' own errors alone.
-        between: standard deviation from log to log beyond the logs' own errors; 0 where these explain the scatter.
-        slope, slope_std: per unit of the trend's variable, SI; None if it is constant.
-        prior, prior_std: believed before; None without.
-        posterior, posterior_std: data and prior together; the data alone without a prior.
-        posterior_slope, posterior_slope_std: the same of the slope.
-        shared: quantity -> part of ``std`` by the error of airspeed, mass or inertia that all logs share.
-    """
-
-    name: str
-    logs: int
+    name: str  #: such as "Cm_alpha"
+    logs: int  #: how many hold it
+    #: value, std: what the data say, and its standard error, with ``between`` and the factor for scatter in it
     value: float
     std: float
-    own_std: float
-    between: float
+    own_std: float  #: standard error by the logs' own errors alone
+    between: float  #: standard deviation from log to log beyond the logs' own errors; 0 where these explain the scatter
+    #: slope, slope_std: per unit of the trend's variable, SI; None if it is constant
     slope: float | None
     slope_std: float | None
+    #: prior, prior_std: believed before; None without
     prior: float | None
     prior_std: float | None
+    #: posterior, posterior_std: data and prior together; the data alone without a prior
     posterior: float
     posterior_std: float
+    #: posterior_slope, posterior_slope_std: the same of the slope
     posterior_slope: float | None
     posterior_slope_std: float | None
+    #: quantity -> part of ``std`` by the error of airspeed, mass or inertia that all logs share
     shared: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -17,28 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Question:
-    """One question.
+    """One question."""
 
-    Attributes:
-        command: of the command line.
-        example: what follows the command in the help.
-        words: what the example does.
-        function: the function that answers the question, "module:name" in its room.
-        kind: what a file of it is called; empty if it takes no file of its own.
-        folder: where its packaged files lie below ``scenarios/``.
-        schema: class of its files, "module:name" in its room.
-        room: its folder in testbench/questions; the command's name if not given.
-        want: what a user wants whom the example helps, in few words; "" if ``testbench`` alone does not name it.
-    """
-
-    command: str
-    example: str
-    words: str
-    function: str
-    kind: str = ""
-    folder: str = ""
-    schema: str = ""
-    room: str = ""
+    command: str  #: of the command line
+    example: str  #: what follows the command in the help
+    words: str  #: what the example does
+    function: str  #: the function that answers the question, "module:name" in its room
+    kind: str = ""  #: what a file of it is called; empty if it takes no file of its own
+    folder: str = ""  #: where its packaged files lie below ``scenarios/``
+    schema: str = ""  #: class of its files, "module:name" in its room
+    room: str = ""  #: its folder in testbench/questions; the command's name if not given
+    #: what a user wants whom the example helps, in few words; "" if ``testbench`` alone does not name it
     want: str = ""
 
     @property

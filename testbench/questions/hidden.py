@@ -40,11 +40,6 @@ from testbench.sensors import SensorSuite
 class Truth:
     """What really flies, in code of one's own: ``truth = "FILE.py:NAME"``. Each function may be left out.
 
-    Attributes:
-        amend: (aircraft, sensors, s after take-off) -> both as they really are; neither argument is changed.
-        send: (controls, commands (frames, m) as deviations from trim, frame time in s, s after take-off) -> what
-            reaches the servos, of the same shape. Commands are recorded as they were issued.
-        read: measured record -> what is recorded in its place.
 
     Example:
         >>> from dataclasses import replace
@@ -54,9 +49,12 @@ class Truth:
         >>> TRUTH = Truth(amend=amend)
     """
 
+    # (aircraft, sensors, s after take-off) -> both as they really are; neither argument is changed
     amend: Callable[[Aircraft, SensorSuite, float], tuple[Aircraft, SensorSuite]] | None = None
+    # (controls, commands (frames, m) as deviations from trim, frame time in s, s after take-off) -> what reaches the
+    # servos, of the same shape. Commands are recorded as they were issued.
     send: Callable[[Sequence[str], FloatArray, float, float], FloatArray] | None = None
-    read: Callable[[FlightRecord], FlightRecord] | None = None
+    read: Callable[[FlightRecord], FlightRecord] | None = None  # measured record -> what is recorded in its place
 
 
 _Noise = Annotated[
@@ -151,19 +149,12 @@ class Acting:
 
 @dataclass(frozen=True, eq=False)
 class Real:
-    """What really flies.
+    """What really flies."""
 
-    Attributes:
-        aircraft: before anything acts on it.
-        effects: that act, in this order.
-        truth: that acts on what they have made.
-        noise: channel -> real noise over that of the suite.
-    """
-
-    aircraft: Aircraft
-    effects: tuple[Acting, ...] = ()
-    truth: Truth = field(default_factory=Truth)
-    noise: Mapping[str, float] = field(default_factory=dict)
+    aircraft: Aircraft  # before anything acts on it
+    effects: tuple[Acting, ...] = ()  # that act, in this order
+    truth: Truth = field(default_factory=Truth)  # that acts on what they have made
+    noise: Mapping[str, float] = field(default_factory=dict)  # channel -> real noise over that of the suite
 
     def from_(self, start: Start, suite: SensorSuite) -> tuple[Aircraft, SensorSuite, FlightCondition]:
         """Return aircraft, sensors and condition as they really are where ``start`` is believed.
@@ -260,25 +251,15 @@ def _own(name: str, file: Path | None) -> Truth:
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """One manoeuvre, as the on-board computer issues it.
+    """One manoeuvre, as the on-board computer issues it."""
 
-    Attributes:
-        name: of the manoeuvre.
-        controls: "de", "thr", ...
-        u: (n, controls) deviations from trim at the rate of the log, each held to the next.
-        settle_s: flight at trim before the first one.
-        seed: of the sensors' noise.
-        start: what is believed of the condition, load and time that it starts from.
-        air: that it flies through, if it meets no hidden gust; still air if None.
-    """
-
-    name: str
-    controls: tuple[str, ...]
-    u: FloatArray
-    settle_s: float
-    seed: int
-    start: Start
-    air: Air | None = None
+    name: str  # of the manoeuvre
+    controls: tuple[str, ...]  # "de", "thr", ..
+    u: FloatArray  # (n, controls) deviations from trim at the rate of the log, each held to the next
+    settle_s: float  # flight at trim before the first one
+    seed: int  # of the sensors' noise
+    start: Start  # what is believed of the condition, load and time that it starts from
+    air: Air | None = None  # that it flies through, if it meets no hidden gust; still air if None
 
 
 def fly_hidden(

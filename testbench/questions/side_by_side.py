@@ -34,21 +34,13 @@ _MOST_RATIO = 1000.0  # of errors to stated ones that are drawn
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """One figure by several estimators on the same data.
+    """One figure by several estimators on the same data."""
 
-    Attributes:
-        where: suite and input, in words.
-        figure: what the error is of.
-        unit: of the errors; "" for none.
-        methods: (k,) names.
-        errors: (n, k) sizes of errors, pair by pair; NaN where an estimator gave none.
-    """
-
-    where: str
-    figure: str
-    unit: str
-    methods: tuple[str, ...]
-    errors: FloatArray
+    where: str  # suite and input, in words
+    figure: str  # what the error is of
+    unit: str  # of the errors; "" for none
+    methods: tuple[str, ...]  # (k,) names
+    errors: FloatArray  # (n, k) sizes of errors, pair by pair; NaN where an estimator gave none
 
     @property
     def ranked(self) -> Ranks | None:

@@ -66,40 +66,29 @@ _ROOM = 5.0 * DEG_RAD  # about the trim that alpha has at least; judged
 
 @dataclass(frozen=True)
 class Method:
-    """What one method finds at the trimmed alpha.
+    """What one method finds at the trimmed alpha."""
 
-    Attributes:
-        values: "CL_alpha", "Cm_de" and so on -> value per rad, or per nondimensional rate; CL0 and Cm0 at alpha = 0 of
-            the straight lines through the trim.
-        k: induced drag over (CL - CL of least drag)^2.
-        downwash: eps'.
-    """
-
+    # "CL_alpha", "Cm_de" and so on -> value per rad, or per nondimensional rate; CL0 and Cm0 at alpha = 0 of the
+    # straight lines through the trim
     values: Mapping[str, float]
-    k: float
-    downwash: float
+    k: float  # induced drag over (CL - CL of least drag)^2
+    downwash: float  # eps'
 
 
 @dataclass(frozen=True)
 class Aerodynamics:
-    """What both methods find.
+    """What both methods find."""
 
-    Attributes:
-        buildup, lattice: either method.
-        alpha_rad: at which the lattice and the fuselage carry the weight at the design speed.
-        CL: lift coefficient there.
-        CD0, CL_least_drag: of the build-up's polar CD = CD0 + k (CL - CL_least_drag)^2, and its error, rms of CD.
-        alpha_limits_rad: between which the build-up's lift follows a straight line.
-    """
-
+    # buildup, lattice: either method
     buildup: Method
     lattice: Method
-    alpha_rad: float
-    CL: float
+    alpha_rad: float  # at which the lattice and the fuselage carry the weight at the design speed
+    CL: float  # lift coefficient there
+    # CD0, CL_least_drag: of the build-up's polar CD = CD0 + k (CL - CL_least_drag)^2, and its error, rms of CD
     CD0: float
     CL_least_drag: float
     polar_rms: float
-    alpha_limits_rad: tuple[float, float]
+    alpha_limits_rad: tuple[float, float]  # between which the build-up's lift follows a straight line
 
 
 def aerosandbox() -> Any:

@@ -29,29 +29,17 @@ FlownLimits = dict[str, tuple[tuple[float, float], str]]
 
 @dataclass(frozen=True)
 class Made:
-    """An aircraft that was made from its geometry.
+    """An aircraft that was made from its geometry."""
 
-    Attributes:
-        name: of its folder and its model.
-        plan: what it was made from.
-        found: what both methods find.
-        coefficients: those of the model.
-        polar: of the drag.
-        thrust: law of the motor; None for a glider.
-        files: path in the folder -> text.
-        copies: path in the folder -> file that is copied there as it is.
-        remarks: what somebody who flies it should know, as sentences.
-    """
-
-    name: str
-    plan: Plan
-    found: Aerodynamics
-    coefficients: Mapping[str, Coefficient]
-    polar: Polar
-    thrust: Thrust | None
-    files: Mapping[str, str]
-    copies: Mapping[str, Path]
-    remarks: tuple[str, ...]
+    name: str  # of its folder and its model
+    plan: Plan  # what it was made from
+    found: Aerodynamics  # what both methods find
+    coefficients: Mapping[str, Coefficient]  # those of the model
+    polar: Polar  # of the drag
+    thrust: Thrust | None  # law of the motor; None for a glider
+    files: Mapping[str, str]  # path in the folder -> text
+    copies: Mapping[str, Path]  # path in the folder -> file that is copied there as it is
+    remarks: tuple[str, ...]  # what somebody who flies it should know, as sentences
 
     def write(self, folder: Path) -> list[Path]:
         """Write the folder and return the paths; aircraft.toml, which makes it an aircraft, comes last.

@@ -65,22 +65,15 @@ _NOTHING = 1e-7  # a coefficient below is zero by symmetry
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of the model.
+    """One coefficient of the model."""
 
-    Attributes:
-        name: as in the XML.
-        used: its value there, the lattice's times the bias; of "CD", that of the polar at the trim.
-        buildup, lattice: what either method finds; None if it finds none.
-        deviation: relative standard deviation.
-        why: whose value is used, and why.
-    """
-
-    name: str
-    used: float
+    name: str  # as in the XML
+    used: float  # its value there, the lattice's times the bias; of "CD", that of the polar at the trim
+    # buildup, lattice: what either method finds; None if it finds none
     buildup: float | None
     lattice: float | None
-    deviation: float
-    why: str
+    deviation: float  # relative standard deviation
+    why: str  # whose value is used, and why
 
     @property
     def apart(self) -> bool:

@@ -43,14 +43,10 @@ _ROW = re.compile(r"\s+-?\d*\.\d+(\s|$)")
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Derivatives that the output of DATCOM tables, per rad, over alpha: of the largest configuration in it.
+    """Derivatives that the output of DATCOM tables, per rad, over alpha: of the largest configuration in it."""
 
-    Attributes:
-        CL: (n,) lift coefficient, rising, up to its greatest.
-        values: derivative -> (n,) values at these, NaN where none is printed.
-    """
-
-    CL: FloatArray
+    CL: FloatArray  # (n,) lift coefficient, rising, up to its greatest
+    # derivative -> (n,) values at these, NaN where none is printed
     values: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def at(self, CL: float) -> dict[str, float]:

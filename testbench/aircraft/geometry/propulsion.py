@@ -25,17 +25,12 @@ LEAST_THROTTLE = 0.08  # from which the fit starts; below, the motor hardly turn
 
 @dataclass(frozen=True)
 class Thrust:
-    """A thrust law.
+    """A thrust law."""
 
-    Attributes:
-        static_N: nominal thrust, at full throttle and at rest.
-        terms: (share of the nominal thrust, power of the throttle, power of V / (10 m/s)), to be added.
-        words: where it comes from.
-    """
-
-    static_N: float
+    static_N: float  # nominal thrust, at full throttle and at rest
+    # (share of the nominal thrust, power of the throttle, power of V / (10 m/s)), to be added
     terms: tuple[tuple[float, int, int], ...]
-    words: str
+    words: str  # where it comes from
 
     def at(self, throttle: float, V_m_s: float) -> float:
         """Return the thrust, N; never below zero, as JSBSim cuts it off there."""

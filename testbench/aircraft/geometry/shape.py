@@ -31,17 +31,11 @@ _LAW = 'an airfoil must be a NACA name with four or five digits ("naca2412") or 
 
 @dataclass(frozen=True, eq=False)
 class Airfoil:
-    """A section of unit chord.
+    """A section of unit chord."""
 
-    Attributes:
-        name: as it was asked for.
-        points: (n, 2) x and y from the trailing edge over the upper side to the nose and back below.
-        file: where the coordinates came from; None for a formula.
-    """
-
-    name: str
-    points: FloatArray
-    file: Path | None = None
+    name: str  # as it was asked for
+    points: FloatArray  # (n, 2) x and y from the trailing edge over the upper side to the nose and back below
+    file: Path | None = None  # where the coordinates came from; None for a formula
 
     @property
     def camber(self) -> tuple[FloatArray, FloatArray]:
@@ -194,20 +188,14 @@ class Station:
 
 @dataclass(frozen=True)
 class Flap:
-    """A part of a surface that a control moves.
+    """A part of a surface that a control moves."""
 
-    Attributes:
-        moves: control channel.
-        start, end: along the surface from its root, in shares of its length.
-        chord_fraction: chord of the flap over that of the surface.
-        gain: deflection of this part over that of the control.
-    """
-
-    moves: Moved
+    moves: Moved  # control channel
+    # start, end: along the surface from its root, in shares of its length
     start: float
     end: float
-    chord_fraction: float
-    gain: float = 1.0
+    chord_fraction: float  # chord of the flap over that of the surface
+    gain: float = 1.0  # deflection of this part over that of the control
 
 
 @dataclass(frozen=True)
@@ -306,21 +294,15 @@ class LiftingSurface:
 
 @dataclass(frozen=True)
 class Plane:
-    """The outside of an aircraft.
+    """The outside of an aircraft."""
 
-    Attributes:
-        surfaces: the wing first.
-        body: cross-sections of the fuselage from nose to end; empty without one.
-        S_m2, b_m, cbar_m: what coefficients refer to.
-        notes: what was left out or taken for granted when it was read, as sentences.
-    """
-
-    surfaces: tuple[LiftingSurface, ...]
-    body: tuple[Cross, ...]
+    surfaces: tuple[LiftingSurface, ...]  # the wing first
+    body: tuple[Cross, ...]  # cross-sections of the fuselage from nose to end; empty without one
+    # S_m2, b_m, cbar_m: what coefficients refer to
     S_m2: float
     b_m: float
     cbar_m: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was left out or taken for granted when it was read, as sentences
 
     @property
     def wing(self) -> LiftingSurface:

@@ -52,20 +52,14 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class FittedStrips:
-    """The strips of an aircraft, and how they were found.
+    """The strips of an aircraft, and how they were found."""
 
-    Attributes:
-        symmetric, asymmetric: strips of either kind of motion.
-        plan_forms: where those of wing, tail and fin come from, in words.
-        constants: every constant with its source.
-        compared: rigid derivatives, the aircraft's own beside the strips'.
-    """
-
+    # symmetric, asymmetric: strips of either kind of motion
     symmetric: StripModel
     asymmetric: StripModel
-    plan_forms: str
-    constants: tuple[Constant, ...]
-    compared: tuple[Compared, ...]
+    plan_forms: str  # where those of wing, tail and fin come from, in words
+    constants: tuple[Constant, ...]  # every constant with its source
+    compared: tuple[Compared, ...]  # rigid derivatives, the aircraft's own beside the strips'
 
 
 def helmbold(aspect_ratio: float) -> float:
@@ -118,19 +112,12 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
 
 @dataclass(frozen=True)
 class _Constants:
-    """Constants as they are chosen: those given, then those that give the aircraft's own derivatives, then estimates.
+    """Constants as chosen: those given, then those that give the aircraft's own derivatives, then estimates."""
 
-    Attributes:
-        name: of the aircraft.
-        settings: what is given.
-        known: the aircraft's own derivatives.
-        told: what was chosen, with its source.
-    """
-
-    name: str
-    settings: StripSettings
-    known: Mapping[str, float]
-    told: list[Constant] = field(default_factory=list)
+    name: str  # of the aircraft
+    settings: StripSettings  # what is given
+    known: Mapping[str, float]  # the aircraft's own derivatives
+    told: list[Constant] = field(default_factory=list)  # what was chosen, with its source
 
     def choose(self, name: str, unit: str, *options: tuple[float | None, str]) -> float:
         """Return the first option that has a value, and tell where it comes from."""

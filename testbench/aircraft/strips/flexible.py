@@ -47,25 +47,15 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Flexible:
-    """An aircraft with elastic modes, and how they came about.
+    """An aircraft with elastic modes, and how they came about."""
 
-    Attributes:
-        aircraft: it can fly.
-        strips: that couple the modes, with the source of every constant.
-        stations_m: (n,) of the shapes.
-        origins: one per mode.
-        notes: what was assumed or changed beside, as sentences.
-        new_stations: its wing stations are new; else they are those that the rigid aircraft had.
-        raised: it is simulated at a higher rate than the rigid aircraft.
-    """
-
-    aircraft: Aircraft
-    strips: FittedStrips
-    stations_m: FloatArray
-    origins: tuple[Origin, ...]
-    notes: tuple[str, ...]
-    new_stations: bool
-    raised: bool
+    aircraft: Aircraft  # it can fly
+    strips: FittedStrips  # that couple the modes, with the source of every constant
+    stations_m: FloatArray  # (n,) of the shapes
+    origins: tuple[Origin, ...]  # one per mode
+    notes: tuple[str, ...]  # what was assumed or changed beside, as sentences
+    new_stations: bool  # its wing stations are new; else they are those that the rigid aircraft had
+    raised: bool  # it is simulated at a higher rate than the rigid aircraft
 
 
 def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]) -> Flexible:

@@ -178,19 +178,12 @@ class MeasuredShape:
 
 @dataclass(frozen=True, eq=False)
 class GroundTest:
-    """A file that keeps its own laws, and the shapes of its modes in the same order.
+    """A file that keeps its own laws, and the shapes of its modes in the same order."""
 
-    Attributes:
-        path: of the file.
-        content: what it says.
-        shapes: one per mode.
-        untwisted: names of the modes that came without any twist.
-    """
-
-    path: Path
-    content: GroundTestFile
-    shapes: tuple[MeasuredShape, ...]
-    untwisted: tuple[str, ...]
+    path: Path  # of the file
+    content: GroundTestFile  # what it says
+    shapes: tuple[MeasuredShape, ...]  # one per mode
+    untwisted: tuple[str, ...]  # names of the modes that came without any twist
 
 
 def read_ground_test(path: Path) -> GroundTest:

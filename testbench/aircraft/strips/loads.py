@@ -26,29 +26,21 @@ STRIPS = 80  # per wing; 40 change no coefficient by more than 0.1 %
 
 @dataclass(frozen=True)
 class Wing:
-    """A trapezoidal wing: span and root chord in m, the rest in fractions of the chord or of the wing.
+    """A trapezoidal wing: span and root chord in m, the rest in fractions of the chord or of the wing."""
 
-    Attributes:
-        span_m, root_chord_m, taper: plan form.
-        mass_kg: both sides; the mass per length goes with the square of the chord if ``mass_points`` do not say it.
-        elastic_axis, centre_of_mass: fractions of the chord behind the leading edge.
-        gyration: radius of gyration of a section about its centre of mass, fraction of the chord.
-        lift_slope: per rad, of a strip.
-        quarter_chord_m: X of the quarter chord in the plane of symmetry.
-        sweep_rad: of the quarter-chord line, backwards.
-        mass_points: (y in m, kg/m) along the right wing, linear between them and constant beyond.
-    """
-
+    # span_m, root_chord_m, taper: plan form
     span_m: float
     root_chord_m: float
     taper: float
-    mass_kg: float
+    mass_kg: float  # both sides; the mass per length goes with the square of the chord if ``mass_points`` do not say it
+    # elastic_axis, centre_of_mass: fractions of the chord behind the leading edge
     elastic_axis: float
     centre_of_mass: float
-    gyration: float
-    lift_slope: float
-    quarter_chord_m: float
-    sweep_rad: float = 0.0
+    gyration: float  # radius of gyration of a section about its centre of mass, fraction of the chord
+    lift_slope: float  # per rad, of a strip
+    quarter_chord_m: float  # X of the quarter chord in the plane of symmetry
+    sweep_rad: float = 0.0  # of the quarter-chord line, backwards
+    # (y in m, kg/m) along the right wing, linear between them and constant beyond
     mass_points: tuple[tuple[float, float], ...] = ()
 
     @cached_property
@@ -92,32 +84,25 @@ class Wing:
 
 @dataclass(frozen=True)
 class Tail:
-    """The tail at the end of the boom, at X = -arm.
+    """The tail at the end of the boom, at X = -arm."""
 
-    Attributes:
-        arm_m: from the centre of gravity to the tail's quarter chord.
-        mass_kg: tail, moving with the end of the boom.
-        area_m2, lift_slope, downwash, elevator: horizontal tail; downwash d eps / d alpha, elevator effectiveness.
-        fin_area_m2, fin_slope, fin_height_m, rudder: fin, with its centre above the boom.
-        span_m: of the horizontal tail, for its damping in roll.
-        roll_inertia_kg_m2, mass_height_m: inertia about the boom, and height of the tail's centre of mass above it.
-        fin_arm_m: from the centre of gravity to the fin's quarter chord, where it is not the tail's.
-    """
-
-    arm_m: float
-    mass_kg: float
+    arm_m: float  # from the centre of gravity to the tail's quarter chord
+    mass_kg: float  # tail, moving with the end of the boom
+    # area_m2, lift_slope, downwash, elevator: horizontal tail; downwash d eps / d alpha, elevator effectiveness
     area_m2: float
     lift_slope: float
     downwash: float
     elevator: float
+    # fin_area_m2, fin_slope, fin_height_m, rudder: fin, with its centre above the boom
     fin_area_m2: float
     fin_slope: float
     fin_height_m: float
     rudder: float
-    span_m: float
+    span_m: float  # of the horizontal tail, for its damping in roll
+    # roll_inertia_kg_m2, mass_height_m: inertia about the boom, and height of the tail's centre of mass above it
     roll_inertia_kg_m2: float
     mass_height_m: float
-    fin_arm_m: float | None = None
+    fin_arm_m: float | None = None  # from the centre of gravity to the fin's quarter chord, where it is not the tail's
 
     @property
     def fin_arm(self) -> float:
@@ -142,29 +127,23 @@ _MOTIONS = (
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One shape of motion, per unit of its coordinate.
+    """One shape of motion, per unit of its coordinate."""
 
-    Attributes:
-        bend: (n,) displacement of the elastic axis of the right wing, m, up.
-        twist: (n,) rad, nose up.
-        curvature: (n,) second derivative of ``bend`` along the span, 1/m: strain per distance from the neutral axis.
-        tail_up, tail_pitch, tail_side, tail_roll, tail_yaw: of the tail, m (up, right) and rad.
-        body_up, body_pitch, body_roll: of the fuselage, m and rad.
-        symmetric: the left wing does the same; else the opposite.
-    """
-
-    bend: FloatArray
-    twist: FloatArray
+    bend: FloatArray  # (n,) displacement of the elastic axis of the right wing, m, up
+    twist: FloatArray  # (n,) rad, nose up
+    # (n,) second derivative of ``bend`` along the span, 1/m: strain per distance from the neutral axis
     curvature: FloatArray = field(default_factory=lambda: np.zeros(STRIPS))
+    # tail_up, tail_pitch, tail_side, tail_roll, tail_yaw: of the tail, m (up, right) and rad
     tail_up: float = 0.0
     tail_pitch: float = 0.0
     tail_side: float = 0.0
     tail_roll: float = 0.0
     tail_yaw: float = 0.0
+    # body_up, body_pitch, body_roll: of the fuselage, m and rad
     body_up: float = 0.0
     body_pitch: float = 0.0
     body_roll: float = 0.0
-    symmetric: bool = field(default=True, kw_only=True)
+    symmetric: bool = field(default=True, kw_only=True)  # the left wing does the same; else the opposite
 
 
 def combine(shapes: list[Shape], weights: FloatArray) -> Shape:
@@ -184,47 +163,30 @@ MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """What a unit of one motion does to the flow.
+    """What a unit of one motion does to the flow."""
 
-    Attributes:
-        wing: (n,) angle of attack of the right wing's strips, rad.
-        rotation: (n,) twist rate over speed, 1/m, of the right wing's strips.
-        tail: angle of attack of the horizontal tail.
-        fin: angle of the flow at the fin, positive from the right.
-        tail_roll: roll rate over speed of the tail, 1/m.
-        symmetric: the left wing sees the same; else the opposite.
-    """
-
-    wing: FloatArray
-    rotation: FloatArray
-    tail: float = 0.0
-    fin: float = 0.0
-    tail_roll: float = 0.0
-    symmetric: bool = True
+    wing: FloatArray  # (n,) angle of attack of the right wing's strips, rad
+    rotation: FloatArray  # (n,) twist rate over speed, 1/m, of the right wing's strips
+    tail: float = 0.0  # angle of attack of the horizontal tail
+    fin: float = 0.0  # angle of the flow at the fin, positive from the right
+    tail_roll: float = 0.0  # roll rate over speed of the tail, 1/m
+    symmetric: bool = True  # the left wing sees the same; else the opposite
 
 
 @dataclass(frozen=True)
 class StripModel:
-    """Wing, tail, reference quantities, and the constants that strips do not give.
-
-    Attributes:
-        S_m2, cbar_m: reference area and chord.
-        dihedral_rad: of the wing.
-        CL: lift coefficient at the design condition, which roll due to yaw rate goes with.
-        zero_lift_rad: angle of attack of the wing at zero alpha of the aircraft.
-        aileron: (inner y, outer y, effectiveness d alpha / d da).
-        b_m: reference span; the wing's if not given.
-    """
+    """Wing, tail, reference quantities, and the constants that strips do not give."""
 
     wing: Wing
     tail: Tail
+    # S_m2, cbar_m: reference area and chord
     S_m2: float
     cbar_m: float
-    dihedral_rad: float
-    CL: float
-    zero_lift_rad: float
-    aileron: tuple[float, float, float]
-    b_m: float | None = None
+    dihedral_rad: float  # of the wing
+    CL: float  # lift coefficient at the design condition, which roll due to yaw rate goes with
+    zero_lift_rad: float  # angle of attack of the wing at zero alpha of the aircraft
+    aileron: tuple[float, float, float]  # (inner y, outer y, effectiveness d alpha / d da)
+    b_m: float | None = None  # reference span; the wing's if not given
 
     @property
     def b(self) -> float:
@@ -321,20 +283,14 @@ class StripModel:
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """A mode as a ground vibration test finds it, or as it is assumed.
+    """A mode as a ground vibration test finds it, or as it is assumed."""
 
-    Attributes:
-        name: for people.
-        f_hz, zeta: natural frequency and damping ratio, without air.
-        mass_kg_m2: generalised mass per unit of the coordinate that ``shape`` belongs to.
-        shape: at the strips.
-    """
-
-    name: str
+    name: str  # for people
+    # f_hz, zeta: natural frequency and damping ratio, without air
     f_hz: float
     zeta: float
-    mass_kg_m2: float
-    shape: Shape
+    mass_kg_m2: float  # generalised mass per unit of the coordinate that ``shape`` belongs to
+    shape: Shape  # at the strips
 
 
 def coupled_modes(

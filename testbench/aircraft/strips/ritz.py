@@ -19,20 +19,16 @@ from testbench.core.record import FloatArray
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Elastic constants; those of the wing at its root, falling with (chord / root chord) ** power.
+    """Elastic constants; those of the wing at its root, falling with (chord / root chord) ** power."""
 
-    Attributes:
-        bending_N_m2, torsion_N_m2, power: of the wing.
-        boom_up_N_m, boom_side_N_m: force at the tail per displacement.
-        boom_roll_N_m: moment at the tail per rotation, N m/rad.
-    """
-
+    # bending_N_m2, torsion_N_m2, power: of the wing
     bending_N_m2: float
     torsion_N_m2: float
     power: float
+    # boom_up_N_m, boom_side_N_m: force at the tail per displacement
     boom_up_N_m: float
     boom_side_N_m: float
-    boom_roll_N_m: float
+    boom_roll_N_m: float  # moment at the tail per rotation, N m/rad
 
 
 def cantilever_bending(number: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:

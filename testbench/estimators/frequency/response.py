@@ -32,44 +32,29 @@ _COMPLEX = ("H", "window_bias")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FrequencyResponse(Advised):
-    """H(jw) from inputs to outputs at some frequencies, and how well each value is known.
+    """H(jw) from inputs to outputs at some frequencies, and how well each value is known."""
 
-    Attributes:
-        omega_rad_s: (k,) frequencies, increasing.
-        H: (k, p, m) complex responses, SI unit per SI unit.
-        coherence: (k, p) multiple coherence: share of each output's power that all inputs explain together.
-        partial_coherence: (k, p, m) coherence of output and input, freed of what the other inputs explain of both.
-        random_error: (k, p, m) standard deviation of |H| over |H|, which is that of the phase in rad.
-        averages: (k,) number of independent averages.
-        resolution_rad_s: (k,) width that one value stands for: values closer than this are not independent.
-        window_bias: (k, p, m) complex, computed: H is 1 + window_bias times what it would be without windows; None
-            where nothing computed it (see :mod:`testbench.estimators.frequency.window_bias`).
-        window_allowance: (k, p, m) size of that bias with what the computation leaves open, over |H|; None else.
-        delay_s: (p, m) pure delays that were taken out before windowing and put back, s; None where none was.
-        inputs: (m,) names.
-        outputs: (p,) names.
-        dt_s: sample time of the records, s.
-        method: the function that made it.
-        diagnostics: what it saw on the way.
-        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
-    """
-
-    omega_rad_s: FloatArray
-    H: ComplexArray
-    coherence: FloatArray
+    omega_rad_s: FloatArray  # (k,) frequencies, increasing
+    H: ComplexArray  # (k, p, m) complex responses, SI unit per SI unit
+    coherence: FloatArray  # (k, p) multiple coherence: share of each output's power that all inputs explain together
+    # (k, p, m) coherence of output and input, freed of what the other inputs explain of both
     partial_coherence: FloatArray
-    random_error: FloatArray
-    averages: FloatArray
-    resolution_rad_s: FloatArray
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    dt_s: float
-    method: str
+    random_error: FloatArray  # (k, p, m) standard deviation of |H| over |H|, which is that of the phase in rad
+    averages: FloatArray  # (k,) number of independent averages
+    resolution_rad_s: FloatArray  # (k,) width that one value stands for: values closer than this are not independent
+    inputs: tuple[str, ...]  # (m,) names
+    outputs: tuple[str, ...]  # (p,) names
+    dt_s: float  # sample time of the records, s
+    method: str  # the function that made it
+    # (k, p, m) complex, computed: H is 1 + window_bias times what it would be without windows; None where nothing
+    # computed it (see :mod:`testbench.estimators.frequency.window_bias`)
     window_bias: ComplexArray | None = None
+    # (k, p, m) size of that bias with what the computation leaves open, over |H|; None else
     window_allowance: FloatArray | None = None
+    # (p, m) pure delays that were taken out before windowing and put back, s; None where none was
     delay_s: FloatArray | None = None
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    advice: tuple[str, ...] = ()
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)  # what it saw on the way
+    advice: tuple[str, ...] = ()  # what is wrong or doubtful and what to do about it; ``status`` follows from it
 
     def __post_init__(self) -> None:
         k, p, m = np.size(self.omega_rad_s), len(self.outputs), len(self.inputs)

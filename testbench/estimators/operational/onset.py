@@ -58,18 +58,13 @@ _STRIDE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Onset:
-    """The posterior of the flutter onset.
+    """The posterior of the flutter onset."""
 
-    Attributes:
-        V_m_s: (k,) speeds flown, rising. The aircraft was stable at all of them.
-        tracks: each mode through the speeds, None where it was not found; by their first frequency.
-        pairs: numbers of the two tracks of each margin.
-        draws_m_s: (draws,) onset, beyond the fastest speed flown; infinite where it lies beyond twice that speed.
-    """
-
-    V_m_s: FloatArray
+    V_m_s: FloatArray  # (k,) speeds flown, rising. The aircraft was stable at all of them.
+    # each mode through the speeds, None where it was not found; by their first frequency
     tracks: tuple[tuple[OperationalMode | None, ...], ...]
-    pairs: tuple[tuple[int, int], ...]
+    pairs: tuple[tuple[int, int], ...]  # numbers of the two tracks of each margin
+    # (draws,) onset, beyond the fastest speed flown; infinite where it lies beyond twice that speed
     draws_m_s: FloatArray
 
     def risk(self, V_m_s: float) -> float:

@@ -31,15 +31,11 @@ Masked = tuple[FloatArray, NDArray[np.bool_]]
 
 @dataclass(frozen=True, eq=False)
 class Covariances:
-    """R_i = E[y(k+i) y_ref(k)'] for i = 1 .. L.
+    """R_i = E[y(k+i) y_ref(k)'] for i = 1 .. L."""
 
-    Attributes:
-        lags: (L, r, r0) R_1 to R_L.
-        deviations: (b, L, r, r0) of b blocks of the data: the covariance of all elements of ``lags`` is the sum over
-            the blocks of the outer products of their deviations.
-    """
-
-    lags: FloatArray
+    lags: FloatArray  # (L, r, r0) R_1 to R_L
+    # (b, L, r, r0) of b blocks of the data: the covariance of all elements of ``lags`` is the sum over the blocks of
+    # the outer products of their deviations
     deviations: FloatArray
 
 
@@ -104,18 +100,13 @@ _REAL = 1e-9  # imaginary parts below this share of |s| are rounding
 
 @dataclass(frozen=True, eq=False)
 class OrderPoles:
-    """The poles of a model of one order in the upper half plane.
+    """The poles of a model of one order in the upper half plane."""
 
-    Attributes:
-        order: number of states n.
-        poles: (k,) continuous poles s = ln(z) / dt with Im s > 0, rad/s; unstable ones included, real ones not.
-        shapes: (k, r) mode shapes C v of the (scaled) outputs, of unit length.
-        moves: (b, k) first-order changes of the poles by the deviation of each block; None without deviations.
-    """
-
-    order: int
+    order: int  # number of states n
+    # (k,) continuous poles s = ln(z) / dt with Im s > 0, rad/s; unstable ones included, real ones not
     poles: ComplexArray
-    shapes: ComplexArray
+    shapes: ComplexArray  # (k, r) mode shapes C v of the (scaled) outputs, of unit length
+    # (b, k) first-order changes of the poles by the deviation of each block; None without deviations
     moves: ComplexArray | None
 
 

@@ -30,45 +30,28 @@ from testbench.estimators.operational.realise import OrderPoles, mac
 
 @dataclass(frozen=True)
 class Criteria:
-    """The criteria: when two poles are one, which poles may be modes, and how often a mode must be seen.
+    """The criteria: when two poles are one, which poles may be modes, and how often a mode must be seen."""
 
-    Attributes:
-        frequency: largest relative difference of natural frequencies, |f1 - f2| / max(f1, f2).
-        damping: largest difference of damping ratios: ``damping`` of the larger one, or ``damping_floor``.
-        damping_floor: absolute difference that is always allowed.
-        mac: least modal assurance criterion.
-        largest_damping: poles of a larger damping ratio are not modes; unstable ones never are.
-        least_orders: at which a mode must be stable.
-        frequency_error: modes whose natural frequency has a larger relative standard deviation are dropped.
-        damping_error: the same of the damping ratio. Poles of noise alone have errors of about their half-power band.
-    """
-
-    frequency: float = 0.01
-    damping: float = 0.2
-    damping_floor: float = 0.005
-    mac: float = 0.95
-    largest_damping: float = 0.7
-    least_orders: int = 5
-    frequency_error: float = 0.05
+    frequency: float = 0.01  #: largest relative difference of natural frequencies, |f1 - f2| / max(f1, f2)
+    damping: float = 0.2  #: largest difference of damping ratios: ``damping`` of the larger one, or ``damping_floor``
+    damping_floor: float = 0.005  #: absolute difference that is always allowed
+    mac: float = 0.95  #: least modal assurance criterion
+    largest_damping: float = 0.7  #: poles of a larger damping ratio are not modes; unstable ones never are
+    least_orders: int = 5  #: at which a mode must be stable
+    frequency_error: float = 0.05  #: modes whose natural frequency has a larger relative standard deviation are dropped
+    #: the same of the damping ratio. Poles of noise alone have errors of about their half-power band.
     damping_error: float = 0.35
 
 
 @dataclass(frozen=True, eq=False)
 class OrderView:
-    """The poles of one order in the stabilisation diagram.
+    """The poles of one order in the stabilisation diagram."""
 
-    Attributes:
-        order: number of states.
-        frequency_hz: (k,) natural frequencies.
-        damping: (k,) damping ratios.
-        stable: (k,) the pole meets all criteria against the order before.
-        mode: (k,) number of the mode that it belongs to, counted from 0 in the order of the result, or -1.
-    """
-
-    order: int
-    frequency_hz: FloatArray
-    damping: FloatArray
-    stable: NDArray[np.bool_]
+    order: int  #: number of states
+    frequency_hz: FloatArray  #: (k,) natural frequencies
+    damping: FloatArray  #: (k,) damping ratios
+    stable: NDArray[np.bool_]  #: (k,) the pole meets all criteria against the order before
+    #: (k,) number of the mode that it belongs to, counted from 0 in the order of the result, or -1
     mode: NDArray[np.intp]
 
 
@@ -285,26 +268,18 @@ METHOD = "ssi_cov"
 
 @dataclass(frozen=True, eq=False)
 class OperationalMode:
-    """One mode that was found at many orders.
+    """One mode that was found at many orders."""
 
-    Attributes:
-        pole: s = -zeta wn + j wn sqrt(1 - zeta^2), rad/s, the mean over ``orders`` (see stabilise.py).
-        frequency_std_hz, damping_std: standard deviations of natural frequency and damping ratio.
-        correlation: of the two.
-        scaled_shape: (r,) of the outputs over their rms, of unit length, the largest element real and positive.
-        shape: (r,) the same in SI units of the channels, 1 at the output where ``scaled_shape`` is largest.
-        orders: at which it was stable.
-        remarks: what is doubtful about it.
-    """
-
-    pole: complex
+    pole: complex  #: s = -zeta wn + j wn sqrt(1 - zeta^2), rad/s, the mean over ``orders`` (see stabilise.py)
+    #: frequency_std_hz, damping_std: standard deviations of natural frequency and damping ratio
     frequency_std_hz: float
     damping_std: float
-    correlation: float
-    shape: ComplexArray
+    correlation: float  #: of the two
+    shape: ComplexArray  #: (r,) the same in SI units of the channels, 1 at the output where ``scaled_shape`` is largest
+    #: (r,) of the outputs over their rms, of unit length, the largest element real and positive
     scaled_shape: ComplexArray
-    orders: tuple[int, ...]
-    remarks: tuple[Advice, ...] = ()
+    orders: tuple[int, ...]  #: at which it was stable
+    remarks: tuple[Advice, ...] = ()  #: what is doubtful about it
 
     @property
     def frequency_hz(self) -> float:
@@ -321,33 +296,21 @@ class OperationalMode:
 class OperationalModes(Advised):
     """Modes of outputs alone, identified without any input.
 
-    Attributes:
-        channels: (r,) outputs, in the order of the mode shapes.
-        scale: (r,) rms of the outputs, which were divided by it.
-        dt_s: sample time that the covariances were taken at, s.
-        duration_s: of all records together.
-        blocks: of data that the errors were computed from.
-        modes: in the order of their frequencies.
-        views: poles of every order with the criteria that they meet: the stabilisation diagram.
-        singular_values: of the block Hankel matrix.
-        spectrum: (k, 2) frequency in Hz, and the mean spectral density of the scaled outputs in 1/Hz.
-        settings: as JSON values.
-        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
 
     An interval of 95 % is the value plus and minus ``quantile`` standard deviations.
     """
 
-    channels: tuple[str, ...]
-    scale: FloatArray
-    dt_s: float
-    duration_s: float
-    blocks: int
-    modes: tuple[OperationalMode, ...]
-    views: tuple[OrderView, ...]
-    singular_values: FloatArray
-    spectrum: FloatArray
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    advice: tuple[str, ...] = ()
+    channels: tuple[str, ...]  #: (r,) outputs, in the order of the mode shapes
+    scale: FloatArray  #: (r,) rms of the outputs, which were divided by it
+    dt_s: float  #: sample time that the covariances were taken at, s
+    duration_s: float  #: of all records together
+    blocks: int  #: of data that the errors were computed from
+    modes: tuple[OperationalMode, ...]  #: in the order of their frequencies
+    views: tuple[OrderView, ...]  #: poles of every order with the criteria that they meet: the stabilisation diagram
+    singular_values: FloatArray  #: of the block Hankel matrix
+    spectrum: FloatArray  #: (k, 2) frequency in Hz, and the mean spectral density of the scaled outputs in 1/Hz
+    settings: Mapping[str, Any] = field(default_factory=dict)  #: as JSON values
+    advice: tuple[str, ...] = ()  #: what is wrong or doubtful and what to do about it; ``status`` follows from it
     method: str = METHOD
 
     @property

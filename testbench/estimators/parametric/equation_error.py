@@ -74,23 +74,15 @@ _MOST_CHANGE = 0.5  # of the smoothing's bias, from the first estimate of it to 
 
 
 class Bias(NamedTuple):
-    """Bias of the f free parameters.
+    """Bias of the f free parameters."""
 
-    Attributes:
-        noise: (f,) by noise of the measured states; of combinations of parameters of which it can be told.
-        smoothing: (f,) by what the low passes take from the motion; zero where it cannot be told.
-        widening: (f, f) by which estimates without the bias scatter more than those with it.
-        left: (f, f) covariance that stands for what noise may do to the combinations that are not corrected.
-        untold: (f,) parameters of which such a combination is a part.
-        smoothing_known: the response shows the bias by smoothing: it does not diverge, and hardly depends on whether it
-            is that of the estimates with the bias or without it.
-    """
-
-    noise: FloatArray
-    smoothing: FloatArray
-    widening: FloatArray
-    left: FloatArray
-    untold: NDArray[np.bool_]
+    noise: FloatArray  #: (f,) by noise of the measured states; of combinations of parameters of which it can be told
+    smoothing: FloatArray  #: (f,) by what the low passes take from the motion; zero where it cannot be told
+    widening: FloatArray  #: (f, f) by which estimates without the bias scatter more than those with it
+    left: FloatArray  #: (f, f) covariance that stands for what noise may do to the combinations that are not corrected
+    untold: NDArray[np.bool_]  #: (f,) parameters of which such a combination is a part
+    #: the response shows the bias by smoothing: it does not diverge, and hardly depends on whether it is that of the
+    #: estimates with the bias or without it
     smoothing_known: bool
 
     @property

@@ -30,35 +30,24 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ParametricModel(IdentifiedModel):
-    """dx/dt = f(x, u, params), y = h(x, u, params) + noise, with estimated parameters.
-
-    Attributes:
-        structure: the equations, with the settings of every parameter.
-        params: (k,) estimates, fixed values among them.
-        covariance: (k, k) of the estimates, corrected for coloured residuals; zero for fixed parameters.
-        covariance_plain: (k, k) for residuals taken as white: the Cramer-Rao bound with the estimated noise.
-        noise_covariance: (p, p) of the output residuals.
-        held: (m,) inputs that are held between samples; the others run linearly.
-        delays_s: (m,) delay of each input, s: known, with the mean over records of what was estimated besides.
-        biased, trended: outputs that have a constant, and a line, of their own in every record.
-        biased_inputs: inputs that have a constant error of their own in every record.
-        operating_point: state (n,) and input (m,) that a nonlinear structure is linearised at.
-        substeps: Runge-Kutta steps per sample of a nonlinear structure.
-    """
+    """dx/dt = f(x, u, params), y = h(x, u, params) + noise, with estimated parameters."""
 
     continuous: ClassVar[bool] = True
-    structure: ModelStructure
-    params: FloatArray
-    covariance: FloatArray
-    covariance_plain: FloatArray
-    noise_covariance: FloatArray
-    held: tuple[bool, ...]
+    structure: ModelStructure  # the equations, with the settings of every parameter
+    params: FloatArray  # (k,) estimates, fixed values among them
+    covariance: FloatArray  # (k, k) of the estimates, corrected for coloured residuals; zero for fixed parameters
+    covariance_plain: FloatArray  # (k, k) for residuals taken as white: the Cramer-Rao bound with the estimated noise
+    noise_covariance: FloatArray  # (p, p) of the output residuals
+    held: tuple[bool, ...]  # (m,) inputs that are held between samples; the others run linearly
+    # (m,) delay of each input, s: known, with the mean over records of what was estimated besides
     delays_s: tuple[float, ...]
+    # biased, trended: outputs that have a constant, and a line, of their own in every record
     biased: tuple[str, ...] = ()
     trended: tuple[str, ...] = ()
-    biased_inputs: tuple[str, ...] = ()
+    biased_inputs: tuple[str, ...] = ()  # inputs that have a constant error of their own in every record
+    # state (n,) and input (m,) that a nonlinear structure is linearised at
     operating_point: tuple[FloatArray, FloatArray]
-    substeps: int = 1
+    substeps: int = 1  # Runge-Kutta steps per sample of a nonlinear structure
 
     @property
     def values(self) -> dict[str, float]:

@@ -27,27 +27,16 @@ from testbench.estimators.regression.smoothing import SineSeries, bridge
 
 
 class SmoothedStates(NamedTuple):
-    """One record as the state equations see it.
+    """One record as the state equations see it."""
 
-    Attributes:
-        x: (n, N, n) states, by equation.
-        u: (n, N, m) inputs, by equation.
-        xdot: (N, n) derivatives of the states.
-        taken: (N,) samples at which everything was measured.
-        noise: (n, n) variance of the noise that is left in x, by equation and state.
-        cutoffs_hz: (n,) of the states' low passes.
-        driven: (N, m) inputs as they reach the aircraft, delayed and not smoothed.
-        dt_s: sample time, s.
-    """
-
-    x: FloatArray
-    u: FloatArray
-    xdot: FloatArray
-    taken: NDArray[np.bool_]
-    noise: FloatArray
-    cutoffs_hz: FloatArray
-    driven: FloatArray
-    dt_s: float
+    x: FloatArray  # (n, N, n) states, by equation
+    u: FloatArray  # (n, N, m) inputs, by equation
+    xdot: FloatArray  # (N, n) derivatives of the states
+    taken: NDArray[np.bool_]  # (N,) samples at which everything was measured
+    noise: FloatArray  # (n, n) variance of the noise that is left in x, by equation and state
+    cutoffs_hz: FloatArray  # (n,) of the states' low passes
+    driven: FloatArray  # (N, m) inputs as they reach the aircraft, delayed and not smoothed
+    dt_s: float  # sample time, s
 
 
 class Regression(NamedTuple):

@@ -85,21 +85,14 @@ class Matrices(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelStructure(ABC):
-    """Equations with named states, inputs, outputs and parameters.
+    """Equations with named states, inputs, outputs and parameters."""
 
-    Attributes:
-        name: what tables call it.
-        states: (n,) names of the states; those that are channels may take their initial value from a record.
-        inputs: (m,) input channels.
-        outputs: (p,) output channels.
-        parameters: (k,) in the order of every parameter vector.
-    """
-
-    name: str
+    name: str  #: what tables call it
+    #: (n,) names of the states; those that are channels may take their initial value from a record
     states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
+    inputs: tuple[str, ...]  #: (m,) input channels
+    outputs: tuple[str, ...]  #: (p,) output channels
+    parameters: tuple[Parameter, ...]  #: (k,) in the order of every parameter vector
 
     def __post_init__(self) -> None:
         for name in (*self.inputs, *self.outputs):
@@ -252,17 +245,11 @@ class LinearStructure(ModelStructure):
 
 @dataclass(frozen=True, eq=False)
 class Affine:
-    """The matrices of a linear structure as a sum over its parameters: base + sum of params_i slope_i.
+    """The matrices of a linear structure as a sum over its parameters: base + sum of params_i slope_i."""
 
-    Attributes:
-        base: (e,) entries of A, B, C, D, bx and by, one after the other.
-        slopes: (k, e).
-        shapes: number of entries and shape of every matrix.
-    """
-
-    base: FloatArray
-    slopes: FloatArray
-    shapes: tuple[tuple[int, tuple[int, ...]], ...]
+    base: FloatArray  #: (e,) entries of A, B, C, D, bx and by, one after the other
+    slopes: FloatArray  #: (k, e)
+    shapes: tuple[tuple[int, tuple[int, ...]], ...]  #: number of entries and shape of every matrix
 
     @classmethod
     def of(cls, structure: LinearStructure) -> Affine | None:

@@ -212,28 +212,18 @@ def _independent(residuals: Sequence[FloatArray]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CoefficientFunction:
-    """One coefficient as a function of the signals.
+    """One coefficient as a function of the signals."""
 
-    Attributes:
-        name: of the coefficient.
-        terms: "1" first.
-        params: (k,).
-        covariance: (k, k), of residuals that are correlated in time, and of what instruments may err by.
-        hinges: name -> (signal, knot, rad).
-        apart: signal beside the function -> its multiple and standard error: what no aerodynamic coefficient follows.
-        residual_rms: of the flights that it was fitted to.
-        span: range of the coefficient in those flights, between the quantiles 0.01 and 0.99.
-        others: the functions that the flights less one of them each give, their terms chosen anew.
-    """
-
-    name: str
-    terms: tuple[str, ...]
-    params: FloatArray
-    covariance: FloatArray
-    hinges: Mapping[str, tuple[str, float]]
+    name: str  #: of the coefficient
+    terms: tuple[str, ...]  #: "1" first
+    params: FloatArray  #: (k,)
+    covariance: FloatArray  #: (k, k), of residuals that are correlated in time, and of what instruments may err by
+    hinges: Mapping[str, tuple[str, float]]  #: name -> (signal, knot, rad)
+    #: signal beside the function -> its multiple and standard error: what no aerodynamic coefficient follows
     apart: Mapping[str, tuple[float, float]]
-    residual_rms: float
-    span: float
+    residual_rms: float  #: of the flights that it was fitted to
+    span: float  #: range of the coefficient in those flights, between the quantiles 0.01 and 0.99
+    #: the functions that the flights less one of them each give, their terms chosen anew
     others: tuple[CoefficientFunction, ...] = ()
 
     @property
@@ -340,20 +330,15 @@ class FlownDomain:
 
     The distance of a state is 1 at the edge and 0 in the middle: the largest of |x - middle| / half of each signal, of
     the root of their sum of squares over ``radius``, and beyond the flown alpha of 1 + what it is beyond, in bands.
-
-    Attributes:
-        alpha: (b,) where middle and half are given, rad; between them they are linear, beyond them constant.
-        signals: (k,) without alpha.
-        middle, half: (b, k) of the range of each signal.
-        radius: (b,) of the ellipsoid, in half ranges.
-        low, high: flown alpha, rad.
     """
 
-    alpha: FloatArray
-    signals: tuple[str, ...]
+    alpha: FloatArray  #: (b,) where middle and half are given, rad; between them they are linear, beyond them constant
+    signals: tuple[str, ...]  #: (k,) without alpha
+    #: middle, half: (b, k) of the range of each signal
     middle: FloatArray
     half: FloatArray
-    radius: FloatArray
+    radius: FloatArray  #: (b,) of the ellipsoid, in half ranges
+    #: low, high: flown alpha, rad
     low: float
     high: float
 
@@ -396,15 +381,10 @@ class FlownDomain:
 
 @dataclass(frozen=True, eq=False)
 class GlobalModel:
-    """All coefficients of an aircraft over the flown domain.
+    """All coefficients of an aircraft over the flown domain."""
 
-    Attributes:
-        functions: coefficient -> its function.
-        domain: where they hold.
-    """
-
-    functions: Mapping[str, CoefficientFunction]
-    domain: FlownDomain
+    functions: Mapping[str, CoefficientFunction]  #: coefficient -> its function
+    domain: FlownDomain  #: where they hold
 
     def at(self, signals: Signals) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Return coefficient -> values and standard errors, (n,) each; NaN outside of the flown domain."""

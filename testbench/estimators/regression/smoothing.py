@@ -26,19 +26,12 @@ _MEDIAN_TO_STD = 0.6744897501960817  # median of |x| of a standard normal x
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """One smoothed signal.
+    """One smoothed signal."""
 
-    Attributes:
-        values: (n,) smoothed samples.
-        derivative: (n,) their time derivative, per s.
-        noise_std: standard deviation of the noise, estimated from the data, in units of the signal.
-        cutoff_hz: frequency where the filter weight is one half.
-    """
-
-    values: FloatArray
-    derivative: FloatArray
-    noise_std: float
-    cutoff_hz: float
+    values: FloatArray  # (n,) smoothed samples
+    derivative: FloatArray  # (n,) their time derivative, per s
+    noise_std: float  # standard deviation of the noise, estimated from the data, in units of the signal
+    cutoff_hz: float  # frequency where the filter weight is one half
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +43,12 @@ class SineSeries:
     because single samples at the ends would bring their noise into the whole record. Sharp corners (steps of a control)
     are rounded; do not smooth controls. Noise that was filtered before it was logged is not level above 60 % of the
     Nyquist frequency: then ``noise_std`` is too small and little is smoothed; give a cut-off.
-
-    Attributes:
-        ends: values of the line at the first and last sample.
-        b: (n - 2,) coefficients of the orthonormal sine series.
-        noise_std: standard deviation of the noise, estimated from the data, in units of the signal.
-        dt_s: sample time, s.
     """
 
-    ends: tuple[float, float]
-    b: FloatArray
-    noise_std: float
-    dt_s: float
+    ends: tuple[float, float]  # values of the line at the first and last sample
+    b: FloatArray  # (n - 2,) coefficients of the orthonormal sine series
+    noise_std: float  # standard deviation of the noise, estimated from the data, in units of the signal
+    dt_s: float  # sample time, s
 
     @classmethod
     def of(cls, y: FloatArray, dt_s: float) -> SineSeries:

@@ -69,32 +69,20 @@ class Factor(NamedTuple):
     """R factor of the windows [z_0, ..., z_{H-1}], z = [u, y]: its columns stand for the rows of the Hankel matrix.
 
     Inner products of its columns are those of the rows of the block Hankel matrix, whatever the number of samples.
-
-    Attributes:
-        R: (w, H (m + p)).
-        m: number of inputs.
-        p: number of outputs.
-        J: past horizon; the future begins at block J.
-        columns: number of windows less the offsets and trends estimated along.
-        noisy: (p,) False for an output that its past and the inputs predict exactly.
-        deviation: (p,) of the innovations in the units of the stretches; outputs in R are in units of it.
-        theta: (J (m + p) + m, p) VARX coefficients on [z_0, ..., z_{J-1}, u_J]; the last m rows zero without D.
-        excitation: weakest over strongest singular value of all blocks of inputs.
-        condition: of the past.
-        feedback: F statistic's share, see :func:`feedback_share`.
     """
 
-    R: FloatArray
-    m: int
-    p: int
-    J: int
-    columns: int
-    noisy: NDArray[np.bool_]
-    deviation: FloatArray
+    R: FloatArray  # (w, H (m + p))
+    m: int  # number of inputs
+    p: int  # number of outputs
+    J: int  # past horizon; the future begins at block J
+    columns: int  # number of windows less the offsets and trends estimated along
+    noisy: NDArray[np.bool_]  # (p,) False for an output that its past and the inputs predict exactly
+    deviation: FloatArray  # (p,) of the innovations in the units of the stretches; outputs in R are in units of it
+    # (J (m + p) + m, p) VARX coefficients on [z_0, ..., z_{J-1}, u_J]; the last m rows zero without D
     theta: FloatArray
-    excitation: float
-    condition: float
-    feedback: float
+    excitation: float  # weakest over strongest singular value of all blocks of inputs
+    condition: float  # of the past
+    feedback: float  # F statistic's share, see :func:`feedback_share`
 
     def blocks(self, begin: int, end: int) -> FloatArray:
         """Columns of z_begin, ..., z_{end-1}."""

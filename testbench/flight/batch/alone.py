@@ -24,52 +24,30 @@ _MOST_WIND_M_S = 100.0
 
 @dataclass(frozen=True)
 class Signal:
-    """An input or an output.
+    """An input or an output."""
 
-    Attributes:
-        name: as the table of channels has it.
-        unit: SI.
-        description: in words.
-        register: that holds it.
-        factor: of the register to SI.
-        at_trim: its value there, SI.
-        low: least value of an input.
-        high: greatest value of an input.
-    """
-
-    name: str
-    unit: str
-    description: str
-    register: int
-    factor: float
-    at_trim: float
-    low: float = -math.inf
-    high: float = math.inf
+    name: str  # as the table of channels has it
+    unit: str  # SI
+    description: str  # in words
+    register: int  # that holds it
+    factor: float  # of the register to SI
+    at_trim: float  # its value there, SI
+    low: float = -math.inf  # least value of an input
+    high: float = math.inf  # greatest value of an input
 
 
 @dataclass(frozen=True, eq=False)
 class Alone:
-    """A model that flies from a trim, one flight at a time.
+    """A model that flies from a trim, one flight at a time."""
 
-    Attributes:
-        aircraft: what it is.
-        trimmed: where it begins.
-        program: what is computed in a frame.
-        registers: (registers,) at the trim, what does not change from frame to frame computed.
-        inputs: commands of the controls, then the velocity of the air.
-        outputs: channels that are no inputs.
-        iterations: evaluations until a placed aircraft is at rest.
-        worst: greatest difference from JSBSim in the flight that compares them, of a channel's range.
-    """
-
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    program: Program
-    registers: FloatArray
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    iterations: int
-    worst: float
+    aircraft: Aircraft  # what it is
+    trimmed: TrimmedFlight  # where it begins
+    program: Program  # what is computed in a frame
+    registers: FloatArray  # (registers,) at the trim, what does not change from frame to frame computed
+    inputs: tuple[Signal, ...]  # commands of the controls, then the velocity of the air
+    outputs: tuple[Signal, ...]  # channels that are no inputs
+    iterations: int  # evaluations until a placed aircraft is at rest
+    worst: float  # greatest difference from JSBSim in the flight that compares them, of a channel's range
 
     @property
     def dt_s(self) -> float:

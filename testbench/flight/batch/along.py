@@ -45,16 +45,11 @@ _LOGGED = (
 
 @dataclass(frozen=True, eq=False)
 class GivenMotion:
-    """The motion of an aircraft through still air, and its commands, at the samples of a record.
+    """The motion of an aircraft through still air, and its commands, at the samples of a record."""
 
-    Attributes:
-        rate_hz: of the samples; it divides the frame rate of the model.
-        motion: each of MOTION -> (n,), joined by cubics (E. Catmull and R. Rom, 1974).
-        commands: control -> (n,) absolute command, SI, held from sample to sample; others stay at trim.
-    """
-
-    rate_hz: float
-    motion: Mapping[str, FloatArray]
+    rate_hz: float  # of the samples; it divides the frame rate of the model
+    motion: Mapping[str, FloatArray]  # each of MOTION -> (n,), joined by cubics (E. Catmull and R. Rom, 1974).
+    # control -> (n,) absolute command, SI, held from sample to sample; others stay at trim
     commands: Mapping[str, FloatArray]
 
 
@@ -66,27 +61,19 @@ class ForcesAlong:
     the mean over the frames that lie nearer to this sample than to another one, made sharp again: of what is slower
     than a tenth of the sample rate it is the value at the sample, within 0.1 %. A derivative of sampled rates is such a
     mean, too; an accelerometer is read at the sample.
-
-    Attributes:
-        acceleration: (n, 3) force without gravity over mass, as an accelerometer at the centre of gravity reads it.
-        mean_acceleration: (n, 3) the same as a mean.
-        rotation: (n, 3) pdot, qdot, rdot.
-        aero_force, aero_moment: (n, 3) of the aerodynamics alone, about the centre of gravity, N and N m.
-        qbar_Pa: (n,) dynamic pressure.
-        mass_kg: (n,).
-        inertia: (n, 3, 3) as it multiplies the rates: products of inertia have a minus sign.
-        channels: channel of the simulator -> (n,), those that were asked for.
     """
 
+    # (n, 3) force without gravity over mass, as an accelerometer at the centre of gravity reads it
     acceleration: FloatArray
-    mean_acceleration: FloatArray
-    rotation: FloatArray
+    mean_acceleration: FloatArray  # (n, 3) the same as a mean
+    rotation: FloatArray  # (n, 3) pdot, qdot, rdot
+    # aero_force, aero_moment: (n, 3) of the aerodynamics alone, about the centre of gravity, N and N m
     aero_force: FloatArray
     aero_moment: FloatArray
-    qbar_Pa: FloatArray
-    mass_kg: FloatArray
-    inertia: FloatArray
-    channels: Mapping[str, FloatArray]
+    qbar_Pa: FloatArray  # (n,) dynamic pressure
+    mass_kg: FloatArray  # (n,)
+    inertia: FloatArray  # (n, 3, 3) as it multiplies the rates: products of inertia have a minus sign
+    channels: Mapping[str, FloatArray]  # channel of the simulator -> (n,), those that were asked for
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,19 +55,12 @@ _KEPT = 4096
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A verdict.
+    """A verdict."""
 
-    Attributes:
-        model: the translated model, or None if JSBSim must fly.
-        reason: why it must, one clause.
-        worst: greatest difference from JSBSim, of a channel's range; nan if it has not flown.
-        channel: where it is.
-    """
-
-    model: BatchModel | None
-    reason: str = ""
-    worst: float = math.nan
-    channel: str = ""
+    model: BatchModel | None  # the translated model, or None if JSBSim must fly
+    reason: str = ""  # why it must, one clause
+    worst: float = math.nan  # greatest difference from JSBSim, of a channel's range; nan if it has not flown
+    channel: str = ""  # where it is
 
 
 _JUDGED: OrderedDict[object, Judged] = OrderedDict()

@@ -213,25 +213,15 @@ def _by_jsbsim(job: Job, reason: str) -> FlightRecord | Refusal:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A flight whose inputs have been found lawful.
+    """A flight whose inputs have been found lawful."""
 
-    Attributes:
-        job: what is wanted.
-        model: of its aircraft.
-        u: (frames + 1, controls) absolute commands, SI.
-        wind: (frames + 1, 3) of the air, m/s, or None if it does not change.
-        logged: channels of the simulator that are logged.
-        wanted: channels that the record shall have; None for all.
-        step: frames per row.
-    """
-
-    job: Job
-    model: BatchModel
-    u: FloatArray
-    wind: FloatArray | None
-    logged: tuple[str, ...]
-    wanted: tuple[str, ...] | None
-    step: int
+    job: Job  #: what is wanted
+    model: BatchModel  #: of its aircraft
+    u: FloatArray  #: (frames + 1, controls) absolute commands, SI
+    wind: FloatArray | None  #: (frames + 1, 3) of the air, m/s, or None if it does not change
+    logged: tuple[str, ...]  #: channels of the simulator that are logged
+    wanted: tuple[str, ...] | None  #: channels that the record shall have; None for all
+    step: int  #: frames per row
 
     @classmethod
     def of(cls, job: Job, model: BatchModel) -> _Ready:

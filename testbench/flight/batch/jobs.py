@@ -71,21 +71,13 @@ def by_jsbsim(found: Sequence[T | None], make: Callable[[int], T]) -> list[T]:
 
 @dataclass
 class Tally:
-    """By what flights were flown.
+    """By what flights were flown."""
 
-    Attributes:
-        batch: number flown by the program.
-        jsbsim: number flown by JSBSim.
-        both: number flown by both.
-        worst: greatest difference of those, of a channel's range.
-        reasons: why JSBSim flew -> number of flights.
-    """
-
-    batch: int = 0
-    jsbsim: int = 0
-    both: int = 0
-    worst: float = 0.0
-    reasons: dict[str, int] = field(default_factory=dict)
+    batch: int = 0  #: number flown by the program
+    jsbsim: int = 0  #: number flown by JSBSim
+    both: int = 0  #: number flown by both
+    worst: float = 0.0  #: greatest difference of those, of a channel's range
+    reasons: dict[str, int] = field(default_factory=dict)  #: why JSBSim flew -> number of flights
 
     def by_jsbsim(self, reason: str, count: int = 1) -> None:
         """Count flights by JSBSim, and why."""

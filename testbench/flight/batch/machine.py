@@ -72,19 +72,12 @@ class Driven(NamedTuple):
 
 
 class Logged(NamedTuple):
-    """What a flight leaves: a row every ``stride`` frames.
+    """What a flight leaves: a row every ``stride`` frames."""
 
-    Attributes:
-        stride: frames per row.
-        registers: that make a row.
-        scale: (logged, LANES) factor of each.
-        rows: (rows, logged, LANES) that are filled.
-    """
-
-    stride: int
-    registers: npt.NDArray[np.int64]
-    scale: FloatArray
-    rows: FloatArray
+    stride: int  # frames per row
+    registers: npt.NDArray[np.int64]  # that make a row
+    scale: FloatArray  # (logged, LANES) factor of each
+    rows: FloatArray  # (rows, logged, LANES) that are filled
 
 
 class Watched(NamedTuple):

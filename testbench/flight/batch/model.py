@@ -34,17 +34,11 @@ _TURN = np.array([-1.0, 1.0, -1.0])  # from structural axes (aft, right, up) to 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """What a body weighs and how it is spread.
+    """What a body weighs and how it is spread."""
 
-    Attributes:
-        weight: lbf.
-        cg: (3,) in, structural axes.
-        inertia: (3, 3) about the centre of gravity, body axes, slug ft2, as JSBSim's matrix has it.
-    """
-
-    weight: float
-    cg: FloatArray
-    inertia: FloatArray
+    weight: float  # lbf
+    cg: FloatArray  # (3,) in, structural axes
+    inertia: FloatArray  # (3, 3) about the centre of gravity, body axes, slug ft2, as JSBSim's matrix has it
 
     def about_origin(self) -> FloatArray:
         """Return the inertia (3, 3) about the origin of the structural axes, body axes."""
@@ -114,38 +108,22 @@ TOP_FT = 100000.0
 
 @dataclass(frozen=True, eq=False)
 class BatchModel:
-    """A translated aircraft.
+    """A translated aircraft."""
 
-    Attributes:
-        aircraft: what it is.
-        rate_hz: frame rate.
-        program: what is computed in a frame.
-        start: (registers,) at rest, before the aircraft is placed.
-        channels: those of the simulator, in its order.
-        factors: of each channel to SI.
-        iterations: evaluations until a placed aircraft is at rest.
-        shape: what another model must have in common with it, to fly by the same program.
-        weights: as flown.
-        dry: without fuel; None if only JSBSim can tell.
-        translation: of its tree.
-        memories: registers of what components of the control system remember.
-        outputs: registers of what they write -> value before the first frame.
-        loading: height (m) and speed (m/s) of the evaluations that JSBSim makes when the model is loaded.
-    """
-
-    aircraft: Aircraft
-    rate_hz: float
-    program: Program
-    start: FloatArray
-    channels: tuple[str, ...]
-    factors: FloatArray
-    iterations: int
-    shape: _Shape
-    weights: Weights
-    dry: Weights | None
-    translation: Translation
-    memories: npt.NDArray[np.int64]
-    outputs: Mapping[int, float]
+    aircraft: Aircraft  # what it is
+    rate_hz: float  # frame rate
+    program: Program  # what is computed in a frame
+    start: FloatArray  # (registers,) at rest, before the aircraft is placed
+    channels: tuple[str, ...]  # those of the simulator, in its order
+    factors: FloatArray  # of each channel to SI
+    iterations: int  # evaluations until a placed aircraft is at rest
+    shape: _Shape  # what another model must have in common with it, to fly by the same program
+    weights: Weights  # as flown
+    dry: Weights | None  # without fuel; None if only JSBSim can tell
+    translation: Translation  # of its tree
+    memories: npt.NDArray[np.int64]  # registers of what components of the control system remember
+    outputs: Mapping[int, float]  # registers of what they write -> value before the first frame
+    # height (m) and speed (m/s) of the evaluations that JSBSim makes when the model is loaded
     loading: tuple[tuple[float, float], ...]
 
     @property
@@ -292,14 +270,11 @@ _PlaceOf = tuple[int, int, float]
 
 @dataclass(frozen=True, eq=False)
 class _Template:
-    """The elements of a tree in order, and which of their texts are numbers that may differ.
+    """The elements of a tree in order, and which of their texts are numbers that may differ."""
 
-    Attributes:
-        elements: (tag, attributes, text) of each; text None where it may differ.
-        places: (number of the model, element, factor to the program's unit) of those that the program reads.
-    """
-
+    # (tag, attributes, text) of each; text None where it may differ
     elements: tuple[tuple[str, dict[str, str], str | None], ...]
+    # (number of the model, element, factor to the program's unit) of those that the program reads
     places: tuple[_PlaceOf, ...]
 
     @cached_property
@@ -354,20 +329,14 @@ def attributes(e: ET.Element) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """What models have in common that differ in numbers only; its text says all of it but the modes' numbers.
+    """What models have in common that differ in numbers only; its text says all of it but the modes' numbers."""
 
-    Attributes:
-        fixed: commands, limits, engines, settings.
-        modes: of the wings, with the condition for which their steps are made; None without.
-        rigid: the tree without the modes.
-        whole: the tree.
-        placed: what of the tree JSBSim makes properties from that the program reads.
-    """
-
-    fixed: tuple[object, ...]
+    fixed: tuple[object, ...]  # commands, limits, engines, settings
+    # of the wings, with the condition for which their steps are made; None without
     modes: tuple[object, ...] | None = field(repr=False)
-    rigid: _Template
-    whole: _Template
+    rigid: _Template  # the tree without the modes
+    whole: _Template  # the tree
+    # what of the tree JSBSim makes properties from that the program reads
     placed: tuple[str, ...] = field(default=(), repr=False)
 
     @classmethod

@@ -195,29 +195,18 @@ class _Instruction:
 
 @dataclass(frozen=True)
 class Program:
-    """What is computed, as numbers.
+    """What is computed, as numbers."""
 
-    Attributes:
-        before: (n, 6) operations done before the first frame: operation, target, three operands, a further number.
-        frame: (n, 6) of every frame.
-        log: (n, 6) after frames that are logged.
-        tables: all tables, one after the other.
-        size: number of registers.
-        scratch: from here on a frame numbers results that only it reads, which are in no memory.
-        numbers: register of each number of the model, in the order in which they stand there.
-        properties: property -> its register.
-        logged: name -> register, after ``log``.
-    """
-
+    # (n, 6) operations done before the first frame: operation, target, three operands, a further number
     before: npt.NDArray[np.int64]
-    frame: npt.NDArray[np.int64]
-    log: npt.NDArray[np.int64]
-    tables: FloatArray
-    size: int
-    scratch: int
-    numbers: npt.NDArray[np.int64]
-    properties: Mapping[str, int]
-    logged: Mapping[str, int]
+    frame: npt.NDArray[np.int64]  # (n, 6) of every frame
+    log: npt.NDArray[np.int64]  # (n, 6) after frames that are logged
+    tables: FloatArray  # all tables, one after the other
+    size: int  # number of registers
+    scratch: int  # from here on a frame numbers results that only it reads, which are in no memory
+    numbers: npt.NDArray[np.int64]  # register of each number of the model, in the order in which they stand there
+    properties: Mapping[str, int]  # property -> its register
+    logged: Mapping[str, int]  # name -> register, after ``log``
 
     @cached_property
     def machine(self) -> Flying:
@@ -229,19 +218,13 @@ class Program:
 
 @dataclass(eq=False)
 class Builder:
-    """Collects a program.
+    """Collects a program."""
 
-    Attributes:
-        inputs: properties that are written from outside in every frame.
-        numbers: of the model.
-        places: (number, element whose text it is, what it is multiplied by) of those that may differ.
-        tables: one after the other.
-    """
-
-    inputs: frozenset[str] = frozenset()
-    numbers: list[float] = field(default_factory=list)
+    inputs: frozenset[str] = frozenset()  # properties that are written from outside in every frame
+    numbers: list[float] = field(default_factory=list)  # of the model
+    # (number, element whose text it is, what it is multiplied by) of those that may differ
     places: list[tuple[int, ET.Element, float]] = field(default_factory=list)
-    tables: list[float] = field(default_factory=list)
+    tables: list[float] = field(default_factory=list)  # one after the other
     _frame: list[_Instruction] = field(default_factory=list)
     _log: list[_Instruction] = field(default_factory=list)
     _logging: bool = False

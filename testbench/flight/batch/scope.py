@@ -22,42 +22,25 @@ def property_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of components.
+    """A channel of components."""
 
-    Attributes:
-        dt: time between two of its runs, fixed when the model is loaded.
-        dt_s: the same as a number.
-        runs: whether it runs in this frame; always if None.
-        started: whether it has run before.
-    """
-
-    dt: Value
-    dt_s: float
-    runs: Value | None
-    started: Value
+    dt: Value  # time between two of its runs, fixed when the model is loaded
+    dt_s: float  # the same as a number
+    runs: Value | None  # whether it runs in this frame; always if None
+    started: Value  # whether it has run before
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Translates one component.
+    """Translates one component."""
 
-    Attributes:
-        e: the component's element.
-        key: under which its memory lies, that of no other component.
-        channel: that it runs in.
-        b: the program's builder.
-        p: properties.
-        f: functions.
-        switchable: names of failures that something in the model sets.
-    """
-
-    e: ET.Element
-    key: str
-    channel: Channel
-    b: Builder
-    p: Properties
-    f: Functions
-    switchable: frozenset[str] = frozenset()
+    e: ET.Element  # the component's element
+    key: str  # under which its memory lies, that of no other component
+    channel: Channel  # that it runs in
+    b: Builder  # the program's builder
+    p: Properties  # properties
+    f: Functions  # functions
+    switchable: frozenset[str] = frozenset()  # names of failures that something in the model sets
 
     def number(self, tag: str, default: float = 0.0) -> Value:
         """Return the number that an element inside holds."""

@@ -44,21 +44,13 @@ _COPIED = ("throttle", "mixture", "advance", "feather")
 
 @dataclass(frozen=True)
 class Translation:
-    """A model's program, and the numbers that stand in the model.
+    """A model's program, and the numbers that stand in the model."""
 
-    Attributes:
-        program: what is run.
-        numbers: of the model, in the program's order.
-        declared: property -> value that the model declares.
-        components: properties that components write, and what they remember.
-        places: (number, element whose text it is, what it is multiplied by) of those that another model may have
-            otherwise.
-    """
-
-    program: Program
-    numbers: tuple[float, ...]
-    declared: Mapping[str, float]
-    components: frozenset[str]
+    program: Program  # what is run
+    numbers: tuple[float, ...]  # of the model, in the program's order
+    declared: Mapping[str, float]  # property -> value that the model declares
+    components: frozenset[str]  # properties that components write, and what they remember
+    # (number, element whose text it is, what it is multiplied by) of those that another model may have otherwise
     places: tuple[tuple[int, ET.Element, float], ...]
 
 

@@ -84,18 +84,13 @@ def _wide_in(text: str) -> float:
 
 @dataclass(frozen=True)
 class _View:
-    """One view of the aircraft in metres, to be drawn on paper.
+    """One view of the aircraft in metres, to be drawn on paper."""
 
-    Attributes:
-        x_in, y_in: of the aircraft's centre of gravity from the paper's lower left corner.
-        m_in: how many metres an inch of paper is.
-        draws: what is drawn so far, in inches of paper.
-    """
-
+    # x_in, y_in: of the aircraft's centre of gravity from the paper's lower left corner
     x_in: float
     y_in: float
-    m_in: float
-    draws: list[fig.Drawn] = field(default_factory=list)
+    m_in: float  # how many metres an inch of paper is
+    draws: list[fig.Drawn] = field(default_factory=list)  # what is drawn so far, in inches of paper
 
     def at(self, points: Sequence[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
         """Return where points (n, 2), m, lie on the paper, in."""

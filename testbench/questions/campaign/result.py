@@ -27,27 +27,16 @@ _LEAST_POINTS = 5
 
 @dataclass(frozen=True, eq=False)
 class CampaignResult(Shown, page="testbench.questions.campaign.page:campaign_page"):
-    """The data from which the report of a campaign is made.
+    """The data from which the report of a campaign is made."""
 
-    Attributes:
-        campaign: what was asked for.
-        counts: number of its runs in each state.
-        summary: summary of the finished runs.
-        stopped: number of runs after which the stopping rule was met, or None.
-        seconds: processor time of all finished runs.
-        size: of the store, bytes.
-        records_size: of the time histories, bytes.
-        folder: of the store; None if there is none.
-    """
-
-    campaign: Campaign
-    counts: Counts
-    summary: Summary
-    stopped: int | None
-    seconds: float
-    size: int
-    records_size: int = 0
-    folder: Path | None = None
+    campaign: Campaign  # what was asked for
+    counts: Counts  # number of its runs in each state
+    summary: Summary  # summary of the finished runs
+    stopped: int | None  # number of runs after which the stopping rule was met, or None
+    seconds: float  # processor time of all finished runs
+    size: int  # of the store, bytes
+    records_size: int = 0  # of the time histories, bytes
+    folder: Path | None = None  # of the store; None if there is none
 
 
 def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:

@@ -29,50 +29,36 @@ OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth i
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure over the runs that are done.
+    """One figure over the runs that are done."""
 
-    Attributes:
-        name: "SUITE, ESTIMATOR: FIGURE".
-        n, missing: runs that gave it, and done runs that did not (a mode that was not found, an infinite error).
-        mean, std: over the runs, NaN where there are too few.
-        mean_half: half the width of the mean's 95 % confidence interval (normal).
-        quantiles: at QUANTILES.
-    """
-
-    name: str
+    name: str  # "SUITE, ESTIMATOR: FIGURE"
+    # n, missing: runs that gave it, and done runs that did not (a mode that was not found, an infinite error)
     n: int
     missing: int
+    # mean, std: over the runs, NaN where there are too few
     mean: float
     std: float
-    mean_half: float
-    quantiles: tuple[float, ...]
+    mean_half: float  # half the width of the mean's 95 % confidence interval (normal)
+    quantiles: tuple[float, ...]  # at QUANTILES
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """One estimate against its true value, run by run.
+    """One estimate against its true value, run by run."""
 
-    Attributes:
-        name: "SUITE, ESTIMATOR: FIGURE".
-        n, missing: runs with an estimate, and done runs without.
-        true_mean: mean of the true values.
-        bias, bias_half: mean error and half its 95 % confidence interval.
-        scatter: standard deviation of the errors.
-        rms: root mean square of the errors.
-        stated: root mean square of the standard errors that the estimator states; NaN if it states none.
-        coverage, coverage_low, coverage_high: share of runs whose stated 95 % interval holds the truth, and the 95 %
-            interval of that share (Wilson 1927); NaN without stated errors.
-    """
-
-    name: str
+    name: str  # "SUITE, ESTIMATOR: FIGURE"
+    # n, missing: runs with an estimate, and done runs without
     n: int
     missing: int
-    true_mean: float
+    true_mean: float  # mean of the true values
+    # bias, bias_half: mean error and half its 95 % confidence interval
     bias: float
     bias_half: float
-    scatter: float
-    rms: float
-    stated: float
+    scatter: float  # standard deviation of the errors
+    rms: float  # root mean square of the errors
+    stated: float  # root mean square of the standard errors that the estimator states; NaN if it states none
+    # coverage, coverage_low, coverage_high: share of runs whose stated 95 % interval holds the truth, and the 95 %
+    # interval of that share (Wilson 1927); NaN without stated errors
     coverage: float
     coverage_low: float
     coverage_high: float
@@ -108,26 +94,18 @@ class CellCause:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What the rows of a campaign say.
+    """What the rows of a campaign say."""
 
-    Attributes:
-        runs: (n,) numbers of the finished runs.
-        done: (n,) bool.
-        columns: name of a figure -> (n,) values, NaN where there is none.
-        inputs: varied key -> (n,) values as given.
-        tally: by what the finished runs were flown; stores of earlier versions do not say.
-        figures, accuracies, causes: in the order of their names; causes by number of runs.
-        cells: suites and estimators that gave no model in runs that are done, by number of runs.
-    """
-
-    runs: FloatArray
-    done: NDArray[np.bool_]
-    columns: dict[str, FloatArray]
-    inputs: dict[str, tuple[Entry, ...]]
+    runs: FloatArray  # (n,) numbers of the finished runs
+    done: NDArray[np.bool_]  # (n,) bool
+    columns: dict[str, FloatArray]  # name of a figure -> (n,) values, NaN where there is none
+    inputs: dict[str, tuple[Entry, ...]]  # varied key -> (n,) values as given
+    # figures, accuracies, causes: in the order of their names; causes by number of runs
     figures: tuple[Figure, ...]
     accuracies: tuple[Accuracy, ...]
     causes: tuple[Cause, ...]
-    tally: Tally
+    tally: Tally  # by what the finished runs were flown; stores of earlier versions do not say
+    # suites and estimators that gave no model in runs that are done, by number of runs
     cells: tuple[CellCause, ...] = ()
 
     @property

@@ -46,32 +46,21 @@ class Spot:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """The best stations.
+    """The best stations."""
 
-    Attributes:
-        asked: what was asked.
-        base: the suite that they are added to.
-        spots: chosen, in the order of their gain.
-        candidates: all candidates, with the criterion that each reaches alone.
-        path: criterion after each sensor of ``spots``, the first without any.
-        names: (t,) quantities; ``before`` and ``after``: their standard errors (percent; absolute for damping ratios)
-            without and with the chosen sensors.
-        exchanged: how many exchanges followed the greedy choice.
-        sets: how many sets there are.
-        all_tried: whether every one of them was tried, so that this is the best of all.
-    """
-
-    asked: Placement
-    base: str
-    spots: tuple[Spot, ...]
-    candidates: Mapping[Spot, float]
-    path: tuple[float, ...]
+    asked: Placement  # what was asked
+    base: str  # the suite that they are added to
+    spots: tuple[Spot, ...]  # chosen, in the order of their gain
+    candidates: Mapping[Spot, float]  # all candidates, with the criterion that each reaches alone
+    path: tuple[float, ...]  # criterion after each sensor of ``spots``, the first without any
+    # (t,) quantities; ``before`` and ``after``: their standard errors (percent; absolute for damping ratios) without
+    # and with the chosen sensors
     names: tuple[str, ...]
     before: FloatArray
     after: FloatArray
-    exchanged: int
-    sets: int
-    all_tried: bool
+    exchanged: int  # how many exchanges followed the greedy choice
+    sets: int  # how many sets there are
+    all_tried: bool  # whether every one of them was tried, so that this is the best of all
 
 
 def place(

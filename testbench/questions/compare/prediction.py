@@ -46,15 +46,10 @@ _MOST_ITERATIONS = 30  # some ten are enough from the truth, unless the sensors 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LaggedStructure(LinearStructure):
-    """The linearised aircraft through first-order lags: tau y' + y = C x + D u where tau > 0.
+    """The linearised aircraft through first-order lags: tau y' + y = C x + D u where tau > 0."""
 
-    Attributes:
-        base: the aircraft.
-        lags_s: (p,) time constants, 0 for none.
-    """
-
-    base: AircraftStructure
-    lags_s: FloatArray
+    base: AircraftStructure  # the aircraft
+    lags_s: FloatArray  # (p,) time constants, 0 for none
 
     def matrices(self, params: AnyArray) -> Matrices:
         """Return the matrices of parameters (..., k)."""
@@ -168,26 +163,19 @@ _LOST = 1e-10  # singular values of the offsets' information below this share of
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What an input tells through a suite.
+    """What an input tells through a suite."""
 
-    Attributes:
-        names: (t,) quantities: parameters, "wn of ...", "zeta of ...".
-        values: (t,) their true values, SI.
-        std: (t,) standard errors in ``units``.
-        units: (t,) "%" of the true value; "" of damping ratios; SI where the truth is near zero (:mod:`.near_zero`).
-        beyond: (t,) terms of second order over those errors (:mod:`.prediction`); above :data:`FAR` the errors are too
-            large, or the model too far from linear over them, to be believed.
-        without: sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left.
-        known: standard errors and covariance of the free parameters.
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    std: FloatArray
+    names: tuple[str, ...]  # (t,) quantities: parameters, "wn of ...", "zeta of ..."
+    values: FloatArray  # (t,) their true values, SI
+    std: FloatArray  # (t,) standard errors in ``units``
+    # (t,) "%" of the true value; "" of damping ratios; SI where the truth is near zero (:mod:`.near_zero`)
     units: tuple[str, ...]
+    # (t,) terms of second order over those errors (:mod:`.prediction`); above :data:`FAR` the errors are too large, or
+    # the model too far from linear over them, to be believed
     beyond: FloatArray
+    # sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left
     without: Mapping[str, FloatArray]
-    known: Accuracy
+    known: Accuracy  # standard errors and covariance of the free parameters
 
     def of(self, name: str) -> float | None:
         """Return the standard error of a quantity, or None if it is not one of this prediction's."""
@@ -301,25 +289,17 @@ def _accuracy(S: FloatArray, steps: FloatArray, taken: FloatArray, whiten: White
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is compared, of one aircraft at one condition.
+    """What is compared, of one aircraft at one condition."""
 
-    Attributes:
-        aircraft, trimmed, linear: what flies.
-        plane: which motion.
-        modes: name -> pole of all modes of the plane, rad/s.
-        wanted_modes: names of the target modes, split roots by themselves.
-        wanted: names of the target parameters.
-        free: all parameters that are unknown.
-    """
-
+    # aircraft, trimmed, linear: what flies
     aircraft: Aircraft
     trimmed: TrimmedFlight
     linear: LinearModel
-    plane: Plane
-    modes: Mapping[str, complex]
-    wanted_modes: tuple[str, ...]
-    wanted: tuple[str, ...]
-    free: tuple[str, ...]
+    plane: Plane  # which motion
+    modes: Mapping[str, complex]  # name -> pole of all modes of the plane, rad/s
+    wanted_modes: tuple[str, ...]  # names of the target modes, split roots by themselves
+    wanted: tuple[str, ...]  # names of the target parameters
+    free: tuple[str, ...]  # all parameters that are unknown
 
     def seen_by(self, sensors: Sequence[Sensor], inputs: Sequence[str]) -> AircraftStructure:
         """Return the linearised aircraft as sensors show it, lags and delays apart; errors as :func:`seen_by`."""

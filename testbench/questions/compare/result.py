@@ -78,53 +78,39 @@ class Failure:
 
 @dataclass(frozen=True)
 class Summary:
-    """Errors of one quantity in one case over the repetitions.
-
-    Attributes:
-        found: in how many repetitions there is such a figure (a mode was found, a prediction stayed finite).
-        of: repetitions.
-        rms: root mean square error with its 95 % interval; None for fewer than two.
-        mean, scatter: mean error with its 95 % interval and standard deviation; None for predictions, whose errors have
-            no sign.
-        predicted: standard error by information; None if information predicts another quantity.
-        ratio: scatter over predicted with its 95 % interval, of the best case alone; None where it is not ``near``.
-        of_flight: error of the best case from the flight without noise; None for other estimators, or if it is unknown.
-        near: whether the model is linear in its parameters over the predicted errors, see :mod:`.prediction`.
-    """
+    """Errors of one quantity in one case over the repetitions."""
 
     case: CaseKey
     quantity: Quantity
-    found: int
-    of: int
-    rms: Interval | None
+    found: int  # in how many repetitions there is such a figure (a mode was found, a prediction stayed finite)
+    of: int  # repetitions
+    rms: Interval | None  # root mean square error with its 95 % interval; None for fewer than two
+    # mean, scatter: mean error with its 95 % interval and standard deviation; None for predictions, whose errors have
+    # no sign
     mean: Interval | None
     scatter: float | None
-    predicted: float | None
+    predicted: float | None  # standard error by information; None if information predicts another quantity
+    # scatter over predicted with its 95 % interval, of the best case alone; None where it is not ``near``
     ratio: Interval | None
+    # error of the best case from the flight without noise; None for other estimators, or if it is unknown
     of_flight: float | None
-    near: bool
+    near: bool  # whether the model is linear in its parameters over the predicted errors, see :mod:`.prediction`
 
 
 @dataclass(frozen=True)
 class Gain:
-    """What a suite buys over the first one: how much smaller the size of an error is, pair by pair.
+    """What a suite buys over the first one: how much smaller the size of an error is, pair by pair."""
 
-    Attributes:
-        case: of the suite.
-        quantity: what the error is of.
-        before, after: median size of the error with the first suite and with this one; share of repetitions that
-            miss a mode.
-        paired: size of the error with the first suite minus that with this one.
-        p_holm: probability of this gain by chance, corrected for all gains of the comparison; None: too few pairs.
-        predicted: ratio of the standard errors by information, this suite over the first; None: not predicted.
-    """
-
-    case: CaseKey
-    quantity: Quantity
+    case: CaseKey  # of the suite
+    quantity: Quantity  # what the error is of
+    # before, after: median size of the error with the first suite and with this one; share of repetitions that miss a
+    # mode
     before: float
     after: float
-    paired: Paired
+    paired: Paired  # size of the error with the first suite minus that with this one
+    # probability of this gain by chance, corrected for all gains of the comparison; None: too few pairs
     p_holm: float | None
+    # ratio of the standard errors by information, this suite over the first; None: not predicted
     predicted: float | None
 
     def significant(self, level: float) -> bool:

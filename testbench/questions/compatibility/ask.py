@@ -12,19 +12,12 @@ from testbench.inference.instruments import Agreement, EveryError, agreement, ev
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """What kinematics say of the instruments of records.
+    """What kinematics say of the instruments of records."""
 
-    Attributes:
-        agreed: whether they agree, and which single error would explain that they do not.
-        every: all errors estimated together; None where no channel is foretold by others.
-        corrected: the records without the errors that were found.
-        gravity_m_s2: that was assumed.
-    """
-
-    agreed: Agreement
-    every: EveryError | None
-    corrected: tuple[FlightRecord, ...]
-    gravity_m_s2: float
+    agreed: Agreement  #: whether they agree, and which single error would explain that they do not
+    every: EveryError | None  #: all errors estimated together; None where no channel is foretold by others
+    corrected: tuple[FlightRecord, ...]  #: the records without the errors that were found
+    gravity_m_s2: float  #: that was assumed
 
 
 def compatibility(records: Sequence[FlightRecord], gravity_m_s2: float = G0_M_S2) -> Compared:

@@ -37,15 +37,10 @@ _ABOUT = 0.7, 1.4  # times a size that the library starts from, counted from whe
 
 @dataclass(frozen=True)
 class Kind:
-    """One row.
+    """One row."""
 
-    Attributes:
-        sizes: parameter of the effect -> range of its values (SI), uniform.
-        also: names that are as right as the effect's own, as such flights do not tell them apart.
-    """
-
-    sizes: Mapping[str, Ranges]
-    also: tuple[str, ...] = ()
+    sizes: Mapping[str, Ranges]  # parameter of the effect -> range of its values (SI), uniform
+    also: tuple[str, ...] = ()  # names that are as right as the effect's own, as such flights do not tell them apart
 
 
 def _row(also: str = "", **sizes: Ranges) -> Kind:
@@ -153,34 +148,21 @@ MOST_HIDDEN = 2
 
 @dataclass(frozen=True)
 class Draw:
-    """One draw: everything that its flights share.
+    """One draw: everything that its flights share."""
 
-    Attributes:
-        number: of the draw.
-        attempt: 0, or how many draws of this number could not fly.
-        level: its level.
-        aircraft: its name.
-        V_m_s, h_m: condition of its trim.
-        turbulence_rms_m_s: of the air.
-        scale: of the inputs.
-        values: key of a campaign -> what was drawn for it.
-        kinds: names of the hidden effects.
-        sizes: parameter -> value (SI), of each.
-        seed: of noise and air; flight k has ``seed + k``.
-    """
-
-    number: int
-    attempt: int
-    level: Level
-    aircraft: str
+    number: int  # of the draw
+    attempt: int  # 0, or how many draws of this number could not fly
+    level: Level  # its level
+    aircraft: str  # its name
+    # V_m_s, h_m: condition of its trim
     V_m_s: float
     h_m: float
-    turbulence_rms_m_s: float
-    scale: float
-    values: Mapping[str, Any]
-    kinds: tuple[str, ...]
-    sizes: tuple[Mapping[str, float], ...]
-    seed: int
+    turbulence_rms_m_s: float  # of the air
+    scale: float  # of the inputs
+    values: Mapping[str, Any]  # key of a campaign -> what was drawn for it
+    kinds: tuple[str, ...]  # names of the hidden effects
+    sizes: tuple[Mapping[str, float], ...]  # parameter -> value (SI), of each
+    seed: int  # of noise and air; flight k has ``seed + k``
 
     def told(self) -> dict[str, Any]:
         """Return what was drawn for an attempt, as JSON takes it: number, names, and values by their keys."""

@@ -39,43 +39,30 @@ class Variable:
 
 @dataclass(frozen=True)
 class Layout:
-    """Names along the dimensions of a data set.
+    """Names along the dimensions of a data set."""
 
-    Attributes:
-        task: "identification" or "naming".
-        flights: in all.
-        per_draw: flights of a draw.
-        rate_hz, samples: of every record; shorter ones end in NaN.
-        channels, units: that are recorded.
-        validity: whether samples can be missing or held.
-        levels: of difficulty.
-        aircraft, manoeuvres: names.
-        keys: that levels vary, as a campaign does.
-        figures, figure_units: of the truth.
-        effects: that may be hidden, by their names in the library.
-        parts: for each of them, the part of the aircraft that it acts in.
-        right: for each of them, the names that are right, " | " between them.
-        sizes: "effect: parameter" of every one.
-    """
-
-    task: str
-    flights: int
-    per_draw: int
+    task: str  # "identification" or "naming"
+    flights: int  # in all
+    per_draw: int  # flights of a draw
+    # rate_hz, samples: of every record; shorter ones end in NaN
     rate_hz: float
     samples: int
+    # channels, units: that are recorded
     channels: tuple[str, ...]
     units: tuple[str, ...]
-    validity: bool
-    levels: tuple[str, ...]
+    validity: bool  # whether samples can be missing or held
+    levels: tuple[str, ...]  # of difficulty
+    # aircraft, manoeuvres: names
     aircraft: tuple[str, ...]
     manoeuvres: tuple[str, ...]
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # that levels vary, as a campaign does
+    # figures, figure_units: of the truth
     figures: tuple[str, ...]
     figure_units: tuple[str, ...]
-    effects: tuple[str, ...]
-    parts: tuple[str, ...]
-    right: tuple[str, ...]
-    sizes: tuple[str, ...]
+    effects: tuple[str, ...]  # that may be hidden, by their names in the library
+    parts: tuple[str, ...]  # for each of them, the part of the aircraft that it acts in
+    right: tuple[str, ...]  # for each of them, the names that are right, " | " between them
+    sizes: tuple[str, ...]  # "effect: parameter" of every one
 
     @property
     def dims(self) -> dict[str, int]:

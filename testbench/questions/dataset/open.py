@@ -142,22 +142,16 @@ class FlightSamples:
 
 @dataclass(frozen=True)
 class DrawsSoFar:
-    """Draws of a data set that is complete or still drawn.
+    """Draws of a data set that is complete or still drawn."""
 
-    Attributes:
-        flights, per_draw: of the whole set, and of one draw.
-        finished: draws that are there.
-        failed: attempts that could not fly; None for a complete set, whose datasheet counts them.
-        first_missing: the lowest draw that is not there; None if all are.
-        rows: of each draw and failed attempt that was asked for: its ``draw`` and ``attempt``, ``names`` and ``values``
-            of what was drawn, ``truth`` by figure, ``why`` it failed or "".
-    """
-
+    #: flights, per_draw: of the whole set, and of one draw
     flights: int
     per_draw: int
-    finished: int
-    failed: int | None
-    first_missing: int | None
+    finished: int  #: draws that are there
+    failed: int | None  #: attempts that could not fly; None for a complete set, whose datasheet counts them
+    first_missing: int | None  #: the lowest draw that is not there; None if all are
+    #: of each draw and failed attempt that was asked for: its ``draw`` and ``attempt``, ``names`` and ``values`` of
+    #: what was drawn, ``truth`` by figure, ``why`` it failed or ""
     rows: list[dict[str, Any]]
 
 

@@ -41,17 +41,11 @@ _COMMAND, _JOURNAL = "command.json", "parts.jsonl"
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """A folder that is being filled.
+    """A folder that is being filled."""
 
-    Attributes:
-        folder: where the data set is made.
-        layout: of its arrays.
-        about: what decides its content, as JSON.
-    """
-
-    folder: Path
-    layout: Layout
-    about: str
+    folder: Path  # where the data set is made
+    layout: Layout  # of its arrays
+    about: str  # what decides its content, as JSON
 
     @classmethod
     def open(cls, place: ResultFolder, layout: Layout, about: Mapping[str, Any]) -> Store:

@@ -52,19 +52,12 @@ _AS_HELD = "flexible"  # names the derivatives with elastic modes held, forces p
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of a design before its flight.
+    """What is known of a design before its flight."""
 
-    Attributes:
-        prior: what the flights say together, of parameters that the design has.
-        errors: (t,) standard errors of the targets by the flights alone; inf where they do not tell.
-        before: (t,) values of the targets that the model had.
-        notes: in sentences.
-    """
-
-    prior: Prior
-    errors: FloatArray
-    before: FloatArray
-    notes: tuple[str, ...] = ()
+    prior: Prior  #: what the flights say together, of parameters that the design has
+    errors: FloatArray  #: (t,) standard errors of the targets by the flights alone; inf where they do not tell
+    before: FloatArray  #: (t,) values of the targets that the model had
+    notes: tuple[str, ...] = ()  #: in sentences
 
 
 class AllKnown(EstimationError):

@@ -111,29 +111,17 @@ Modes = dict[str, complex | tuple[complex, complex]]
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """The promise of one design.
+    """The promise of one design."""
 
-    Attributes:
-        names: (t,) targets: parameters such as "M_q", and "wn of MODE", "zeta of MODE".
-        values: (t,) of the believed aircraft.
-        wanted: (t,) standard errors that were asked for; NaN where none was.
-        promised: (t,) standard errors by information.
-        modes: mode -> its believed pole, or its two real roots.
-        V_m_s: true airspeed of the design.
-        h_m: its height above sea level.
-        air: in which it was flown in simulation, in words; "" if it was not.
-        realised: over simulated flights; None if it was not computed.
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    wanted: FloatArray
-    promised: FloatArray
-    modes: Modes
-    V_m_s: float
-    h_m: float
-    air: str = ""
-    realised: Realised | None = None
+    names: tuple[str, ...]  # (t,) targets: parameters such as "M_q", and "wn of MODE", "zeta of MODE"
+    values: FloatArray  # (t,) of the believed aircraft
+    wanted: FloatArray  # (t,) standard errors that were asked for; NaN where none was
+    promised: FloatArray  # (t,) standard errors by information
+    modes: Modes  # mode -> its believed pole, or its two real roots
+    V_m_s: float  # true airspeed of the design
+    h_m: float  # its height above sea level
+    air: str = ""  # in which it was flown in simulation, in words; "" if it was not
+    realised: Realised | None = None  # over simulated flights; None if it was not computed
 
     @property
     def headline(self) -> FloatArray:

@@ -14,21 +14,13 @@ from testbench.core.record import FlightRecord
 
 @dataclass(frozen=True)
 class Number:
-    """A question whose answer is a number.
+    """A question whose answer is a number."""
 
-    Attributes:
-        key: the answer's name in answers.toml; it carries the unit.
-        unit: as printed.
-        text: the question in words.
-        tolerance: largest relative error that counts as right; estimates from noisy records scatter.
-        absolute: largest error that counts as right whatever the size of the answer, in ``unit``.
-    """
-
-    key: str
-    unit: str
-    text: str
-    tolerance: float
-    absolute: float = 0.0
+    key: str  # the answer's name in answers.toml; it carries the unit
+    unit: str  # as printed
+    text: str  # the question in words
+    tolerance: float  # largest relative error that counts as right; estimates from noisy records scatter
+    absolute: float = 0.0  # largest error that counts as right whatever the size of the answer, in ``unit``
 
     def band(self, right: float) -> float:
         """Return the largest error that counts as right, in ``unit``."""
@@ -77,37 +69,27 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Handout:
-    """What a student gets beside the text.
+    """What a student gets beside the text."""
 
-    Attributes:
-        records: name -> measured record, written to records/NAME.nc and records/NAME.csv.
-        given: numbers that the student may know, put into the text in place of ``@name@``, and into given.toml.
-        files: name -> text of further files.
-    """
-
+    # name -> measured record, written to records/NAME.nc and records/NAME.csv
     records: Mapping[str, FlightRecord] = field(default_factory=dict)
+    # numbers that the student may know, put into the text in place of ``@name@``, and into given.toml
     given: Mapping[str, float] = field(default_factory=dict)
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)  # name -> text of further files
 
 
 @dataclass(frozen=True, eq=False)
 class Exercise:
-    """One exercise as its module has it; its text lies beside it as NAME.md, that of its notebook as NAME.steps.md.
+    """One exercise as its module has it; its text lies beside it as NAME.md, that of its notebook as NAME.steps.md."""
 
-    Attributes:
-        title, level, minutes: as listed; level 1 is for a first course, 3 for those who know the methods.
-        questions: in the order of the text.
-        draw: draws the hidden numbers of one student.
-        hand_out: makes what the student gets, from a case.
-        answer: key -> right answer, computed from the case, never from the records.
-        solve: the worked solution: answers from the folder that was handed out, and nothing else.
-    """
-
+    # title, level, minutes: as listed; level 1 is for a first course, 3 for those who know the methods
     title: str
     level: Literal[1, 2, 3]
     minutes: int
-    questions: tuple[Question, ...]
-    draw: Callable[[Generator], Mapping[str, Any]]
-    hand_out: Callable[[Case], Handout]
+    questions: tuple[Question, ...]  # in the order of the text
+    draw: Callable[[Generator], Mapping[str, Any]]  # draws the hidden numbers of one student
+    hand_out: Callable[[Case], Handout]  # makes what the student gets, from a case
+    # key -> right answer, computed from the case, never from the records
     answer: Callable[[Case], Mapping[str, Answer]]
+    # the worked solution: answers from the folder that was handed out, and nothing else
     solve: Callable[[Path], Mapping[str, float | str]]

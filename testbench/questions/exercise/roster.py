@@ -26,21 +26,13 @@ _MOST = 500
 
 @dataclass(frozen=True)
 class Roster:
-    """What was written for a class.
+    """What was written for a class."""
 
-    Attributes:
-        folder: of the class; all in ``students`` may be handed out, the rest is the teacher's.
-        key_file: with the teacher's own key.
-        begun: folders that were written now.
-        kept: folders that were there already.
-        restored: files of theirs that were missing, and were written again.
-    """
-
-    folder: Path
-    key_file: Path
-    begun: tuple[Path, ...]
-    kept: tuple[Path, ...]
-    restored: tuple[Path, ...]
+    folder: Path  # of the class; all in ``students`` may be handed out, the rest is the teacher's
+    key_file: Path  # with the teacher's own key
+    begun: tuple[Path, ...]  # folders that were written now
+    kept: tuple[Path, ...]  # folders that were there already
+    restored: tuple[Path, ...]  # files of theirs that were missing, and were written again
 
 
 def students_of(words: str) -> tuple[str, ...]:

@@ -309,28 +309,22 @@ def _sum(name: str, terms: Terms) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Matrices(Advised):
-    """A model in the form above.
+    """A model in the form above."""
 
-    Attributes:
-        name, method: of the file and of the estimator.
-        inputs, outputs: channel names (m,) and (p,).
-        A, B, C, D: (n, n), (n, m), (p, n), (p, m).
-        dt_s: sample time; 0 for continuous time.
-        delays_s: (p, m) dead times, whole samples in discrete time.
-        advice: that of the estimator; ``status`` follows from it.
-    """
-
+    #: name, method: of the file and of the estimator
     name: str
     method: str
+    #: inputs, outputs: channel names (m,) and (p,)
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    #: A, B, C, D: (n, n), (n, m), (p, n), (p, m)
     A: FloatArray
     B: FloatArray
     C: FloatArray
     D: FloatArray
-    dt_s: float
-    delays_s: FloatArray
-    advice: tuple[str, ...]
+    dt_s: float  #: sample time; 0 for continuous time
+    delays_s: FloatArray  #: (p, m) dead times, whole samples in discrete time
+    advice: tuple[str, ...]  #: that of the estimator; ``status`` follows from it
 
 
 def load_matrices(path: Path | str) -> Matrices:

@@ -40,19 +40,12 @@ _LOWEST_HZ, _HIGHEST_HZ = 1.0, 5.0  # motion of rigid aircraft is slower
 
 @dataclass(frozen=True, eq=False)
 class FeltFlight:
-    """What one flight says of the coefficients, n samples.
+    """What one flight says of the coefficients, n samples."""
 
-    Attributes:
-        name: of the record.
-        use: "identification" or "validation".
-        signals: of MOTIONS, the surfaces, and each of COEFFICIENTS as felt -> (n,).
-        believed: coefficient -> (n,) of the believed model in that motion.
-    """
-
-    name: str
-    use: str
-    signals: Mapping[str, FloatArray]
-    believed: Mapping[str, FloatArray]
+    name: str  # of the record
+    use: str  # "identification" or "validation"
+    signals: Mapping[str, FloatArray]  # of MOTIONS, the surfaces, and each of COEFFICIENTS as felt -> (n,)
+    believed: Mapping[str, FloatArray]  # coefficient -> (n,) of the believed model in that motion
 
 
 def cutoff_hz(records: Sequence[FlightRecord]) -> float:

@@ -13,25 +13,15 @@ from testbench.questions.global_model.coefficients import FeltFlight
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How one coefficient of the flights that were held out follows its function.
+    """How one coefficient of the flights that were held out follows its function."""
 
-    Attributes:
-        coefficient: which.
-        span: its range in the flights of the fit, between the quantiles 0.01 and 0.99.
-        fitted: root mean square of felt less function in the flights of the fit.
-        missed: the same in those held out.
-        believed: felt less the believed model in those held out.
-        r2: share of the energy of the coefficient about its mean that the function explains there.
-        inside: share of their samples in the flown domain of the fit.
-    """
-
-    coefficient: str
-    span: float
-    fitted: float
-    missed: float
-    believed: float
-    r2: float
-    inside: float
+    coefficient: str  #: which
+    span: float  #: its range in the flights of the fit, between the quantiles 0.01 and 0.99
+    fitted: float  #: root mean square of felt less function in the flights of the fit
+    missed: float  #: the same in those held out
+    believed: float  #: felt less the believed model in those held out
+    r2: float  #: share of the energy of the coefficient about its mean that the function explains there
+    inside: float  #: share of their samples in the flown domain of the fit
 
 
 @dataclass(frozen=True, eq=False)

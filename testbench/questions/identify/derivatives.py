@@ -34,21 +34,13 @@ from testbench.questions.identify.scenario import SimulatedErrors
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """An aircraft at the condition that the records were flown at.
+    """An aircraft at the condition that the records were flown at."""
 
-    Attributes:
-        aircraft: the model.
-        condition: airspeed and height of the records, which the model was trimmed at.
-        qbar_Pa: dynamic pressure of the records.
-        derivatives: of the model there; empty if it cannot be trimmed there.
-        notes: what was assumed, in sentences.
-    """
-
-    aircraft: Aircraft
-    condition: FlightCondition
-    qbar_Pa: float
-    derivatives: tuple[Derivative, ...] = ()
-    notes: tuple[str, ...] = ()
+    aircraft: Aircraft  # the model
+    condition: FlightCondition  # airspeed and height of the records, which the model was trimmed at
+    qbar_Pa: float  # dynamic pressure of the records
+    derivatives: tuple[Derivative, ...] = ()  # of the model there; empty if it cannot be trimmed there
+    notes: tuple[str, ...] = ()  # what was assumed, in sentences
 
 
 def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
@@ -104,23 +96,16 @@ def _declared(xml: str, name: str) -> float | None:
 
 
 class BeliefCriteria(NamedTuple):
-    """What a derivative must be to be believed; judged.
+    """What a derivative must be to be believed; judged."""
 
-    Attributes:
-        weak: standard error relative to the value from which the data say little of it.
-        coloured: factor by which coloured residuals raise an error from which it is in doubt.
-        turbulent: factor by which they raise the error of some derivative of a fit from which all of its are in doubt,
-            if they are those of more than one output: what moves the states moves all outputs, while the colour of
-            one alone is that of its sensor, and touches the derivatives whose errors it raises.
-        together: correlation from which two estimates stand for one another.
-        changed: errors between the value before and the one found from which they are told to differ.
-    """
-
-    weak: float = 0.5
-    together: float = 0.98
-    coloured: float = 1.5
+    weak: float = 0.5  # standard error relative to the value from which the data say little of it
+    together: float = 0.98  # correlation from which two estimates stand for one another
+    coloured: float = 1.5  # factor by which coloured residuals raise an error from which it is in doubt
+    # factor by which they raise the error of some derivative of a fit from which all of its are in doubt, if they are
+    # those of more than one output: what moves the states moves all outputs, while the colour of one alone is that of
+    # its sensor, and touches the derivatives whose errors it raises
     turbulent: float = 2.0
-    changed: float = 3.0
+    changed: float = 3.0  # errors between the value before and the one found from which they are told to differ
 
 
 CRITERIA = BeliefCriteria()
@@ -129,35 +114,25 @@ _OF_RESIDUALS = ("in doubt", "weak")  # what a derivative is by its stated error
 
 @dataclass(frozen=True)
 class FoundDerivative:
-    """One derivative of one model.
+    """One derivative of one model."""
 
-    Attributes:
-        case: index of the model's case.
-        name: symbol.
-        value, std: estimate and standard error.
-        stated: standard error that the estimator states; smaller than ``std`` where simulated flights show more.
-        unit: SI; "" if there is none or it is not known.
-        before: what it was before the flight; None if nobody said.
-        source: who said so: the aircraft's name, "start" or "".
-        again: mean error, scatter and share of 95 % intervals that hold, in flights of what was found; None without.
-        coefficient: name, value and standard error of the nondimensional coefficient; None if not known.
-        believed: "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not
-            converged", "replaced" by a model that fits better.
-        flown: whether its error is that of simulated flights, which holds what the residuals do.
-    """
-
-    case: int
-    name: str
+    case: int  # index of the model's case
+    name: str  # symbol
+    # value, std: estimate and standard error
     value: float
     std: float
-    stated: float
-    unit: str
-    before: float | None
-    source: str
+    stated: float  # standard error that the estimator states; smaller than ``std`` where simulated flights show more
+    unit: str  # SI; "" if there is none or it is not known
+    before: float | None  # what it was before the flight; None if nobody said
+    source: str  # who said so: the aircraft's name, "start" or ""
+    # name, value and standard error of the nondimensional coefficient; None if not known
     coefficient: tuple[str, float, float] | None
+    # "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not converged", "replaced" by a
+    # model that fits better
     believed: str
+    # mean error, scatter and share of 95 % intervals that hold, in flights of what was found; None without
     again: tuple[float, float, float] | None = None
-    flown: bool = False
+    flown: bool = False  # whether its error is that of simulated flights, which holds what the residuals do
 
     @property
     def determined(self) -> bool:

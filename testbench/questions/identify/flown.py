@@ -23,25 +23,18 @@ _SPREAD = 1.1  # ratio of dynamic pressures up to which records are of one condi
 
 @dataclass(frozen=True)
 class FlownCondition:
-    """Where records were flown, and what coefficients refer to.
+    """Where records were flown, and what coefficients refer to."""
 
-    Attributes:
-        V_m_s, qbar_Pa: true airspeed and dynamic pressure; None if neither recorded nor given.
-        h_m, alpha_rad: height and angle of attack; None if not known.
-        geometry: reference area and lengths; None if nobody gave them.
-        mass: of the records; what is not known is None.
-        notes: what was assumed, in sentences.
-        doubts: what may make coefficients wrong, in sentences.
-    """
-
+    # V_m_s, qbar_Pa: true airspeed and dynamic pressure; None if neither recorded nor given
     V_m_s: float | None
     qbar_Pa: float | None
+    # h_m, alpha_rad: height and angle of attack; None if not known
     h_m: float | None
     alpha_rad: float | None
-    geometry: Geometry | None
-    mass: PartialMass
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    geometry: Geometry | None  # reference area and lengths; None if nobody gave them
+    mass: PartialMass  # of the records; what is not known is None
+    notes: tuple[str, ...] = ()  # what was assumed, in sentences
+    doubts: tuple[str, ...] = ()  # what may make coefficients wrong, in sentences
 
     @property
     def at(self) -> dict[str, float]:

@@ -36,17 +36,11 @@ _AS_BAD = 2.0  # times the error in the records of the fit, up to which a predic
 
 @dataclass(frozen=True)
 class Missed:
-    """A model that does not predict its validation records.
+    """A model that does not predict its validation records."""
 
-    Attributes:
-        case: index of the model's case.
-        outputs: output -> MRSE there, percent, of those that are missed.
-        why: the cause, in a sentence.
-    """
-
-    case: int
-    outputs: dict[str, float]
-    why: str
+    case: int  # index of the model's case
+    outputs: dict[str, float]  # output -> MRSE there, percent, of those that are missed
+    why: str  # the cause, in a sentence
 
     def in_words(self) -> str:
         """Return which outputs are missed and by how much."""

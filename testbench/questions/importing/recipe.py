@@ -59,23 +59,17 @@ _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be wor
 
 @dataclass(frozen=True)
 class Recipe:
-    """What to identify, and with what.
+    """What to identify, and with what."""
 
-    Attributes:
-        outputs: channels.
-        estimators: entries of ``[[identification.estimators]]``, with remarks.
-        servos: commands before which a servo lies.
-        left_out: measured channels that nothing uses.
-        instrument_std: how far sound instruments of inputs and outputs may err, CHANNEL_KIND -> standard deviation.
-        delays: whether the delays of servos are estimated, and their lags believed: where no vane was flown, as on
-            autopilots. With a flow angle measured the lag alone tells the rest.
-    """
-
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...]  # channels
+    # entries of ``[[identification.estimators]]``, with remarks
     estimators: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...]
-    servos: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
+    servos: tuple[str, ...] = ()  # commands before which a servo lies
+    left_out: tuple[str, ...] = ()  # measured channels that nothing uses
+    # whether the delays of servos are estimated, and their lags believed: where no vane was flown, as on autopilots.
+    # With a flow angle measured the lag alone tells the rest.
     delays: bool = False
+    # how far sound instruments of inputs and outputs may err, CHANNEL_KIND -> standard deviation
     instrument_std: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -43,22 +43,15 @@ _FROZEN_S, _SAME = 1.0, 1e-9  # of samples that differ by less than this share o
 
 @dataclass(frozen=True)
 class Call:
-    """What is called out.
+    """What is called out."""
 
-    Attributes:
-        t_s: when, on the clock of the source.
-        kind: "limit", "stop", "instrument", "enough", "run" or "next".
-        channel: that it is of; "" if of none.
-        value, other: what was found, and what it is set against.
-        words: what else the sentence needs.
-    """
-
-    t_s: float
-    kind: str
-    channel: str = ""
+    t_s: float  #: when, on the clock of the source
+    kind: str  #: "limit", "stop", "instrument", "enough", "run" or "next"
+    channel: str = ""  #: that it is of; "" if of none
+    #: value, other: what was found, and what it is set against
     value: float = 0.0
     other: float = 0.0
-    words: str = ""
+    words: str = ""  #: what else the sentence needs
 
 
 @dataclass(frozen=True)
@@ -79,34 +72,20 @@ class Update:
 
 @dataclass(eq=False)
 class Session(Shown, page="testbench.questions.live.page:live_page"):
-    """A flight that is followed.
+    """A flight that is followed."""
 
-    Attributes:
-        source: its name.
-        aircraft: what is believed to fly.
-        plan: whose cards are flown; None without one.
-        rates: channel -> what the link gave while it was listened to.
-        told: plane -> why its derivatives cannot be told, "" if they can.
-        updates: every half second, without those that hold nothing.
-        calls: all that was called out.
-        course: what is known for each card; None without a plan.
-        outlook: what to fly from now on; None before the first run.
-        flown: card -> its good runs.
-        notes: in sentences.
-        V_m_s, h_m: condition that the derivatives are given at, however the speed has changed.
-    """
-
-    source: str
-    aircraft: Aircraft
-    plan: Plan | None = None
-    rates: Mapping[str, Rate] = field(default_factory=dict)
-    told: dict[str, str] = field(default_factory=dict)
-    updates: list[Update] = field(default_factory=list)
-    calls: list[Call] = field(default_factory=list)
-    course: Course | None = None
-    outlook: Outlook | None = None
-    flown: dict[int, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    source: str  #: its name
+    aircraft: Aircraft  #: what is believed to fly
+    plan: Plan | None = None  #: whose cards are flown; None without one
+    rates: Mapping[str, Rate] = field(default_factory=dict)  #: channel -> what the link gave while it was listened to
+    told: dict[str, str] = field(default_factory=dict)  #: plane -> why its derivatives cannot be told, "" if they can
+    updates: list[Update] = field(default_factory=list)  #: every half second, without those that hold nothing
+    calls: list[Call] = field(default_factory=list)  #: all that was called out
+    course: Course | None = None  #: what is known for each card; None without a plan
+    outlook: Outlook | None = None  #: what to fly from now on; None before the first run
+    flown: dict[int, int] = field(default_factory=dict)  #: card -> its good runs
+    notes: list[str] = field(default_factory=list)  #: in sentences
+    #: V_m_s, h_m: condition that the derivatives are given at, however the speed has changed
     V_m_s: float = np.nan
     h_m: float = np.nan
 

@@ -52,19 +52,12 @@ def structure_of(plane: str, at: Trim, controls: Sequence[str]) -> LinearStructu
 
 @dataclass(frozen=True, eq=False)
 class Believed:
-    """The believed aircraft at a condition, first, and those drawn within its uncertainty.
+    """The believed aircraft at a condition, first, and those drawn within its uncertainty."""
 
-    Attributes:
-        aircraft: itself.
-        at: its trim there.
-        members: derivatives of each.
-        condition: of the trims.
-    """
-
-    aircraft: Aircraft
-    at: Trim
-    members: tuple[tuple[Derivative, ...], ...]
-    condition: FlightCondition
+    aircraft: Aircraft  # itself
+    at: Trim  # its trim there
+    members: tuple[tuple[Derivative, ...], ...]  # derivatives of each
+    condition: FlightCondition  # of the trims
 
     @classmethod
     def of(cls, aircraft: Aircraft, V_m_s: float, h_m: float) -> Believed:
@@ -98,19 +91,12 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """The aircraft that is expected to answer: parameters (k,) of a structure, and how they may differ.
+    """The aircraft that is expected to answer: parameters (k,) of a structure, and how they may differ."""
 
-    Attributes:
-        structure: its equations.
-        params: (k,).
-        directions: (d, k) independent ways in which they may differ, by a standard deviation each.
-        dt_s: of the even clock.
-    """
-
-    structure: LinearStructure
-    params: FloatArray
-    directions: FloatArray
-    dt_s: float
+    structure: LinearStructure  # its equations
+    params: FloatArray  # (k,)
+    directions: FloatArray  # (d, k) independent ways in which they may differ, by a standard deviation each
+    dt_s: float  # of the even clock
 
     @classmethod
     def of(cls, structure: LinearStructure, values: FloatArray, dt_s: float) -> Expected:

@@ -58,25 +58,15 @@ class Gain:
 
 @dataclass(frozen=True)
 class Outlook:
-    """What to fly from now on.
+    """What to fly from now on."""
 
-    Attributes:
-        card: to fly next; 0 if nothing is left.
-        gains: what it brings, of what is still wanted at its point.
-        spare: cards with runs left that nothing is wanted of any more.
-        order: cards of the runs to come, the next one first.
-        left_s: time in the air that they take, turns included.
-        printed_s: what the runs of the plan take that have not been flown.
-        open: cards whose wanted errors are not reached in that time.
-    """
-
-    card: int
-    gains: tuple[Gain, ...]
-    spare: tuple[int, ...]
-    order: tuple[int, ...]
-    left_s: float
-    printed_s: float
-    open: tuple[int, ...]
+    card: int  # to fly next; 0 if nothing is left
+    gains: tuple[Gain, ...]  # what it brings, of what is still wanted at its point
+    spare: tuple[int, ...]  # cards with runs left that nothing is wanted of any more
+    order: tuple[int, ...]  # cards of the runs to come, the next one first
+    left_s: float  # time in the air that they take, turns included
+    printed_s: float  # what the runs of the plan take that have not been flown
+    open: tuple[int, ...]  # cards whose wanted errors are not reached in that time
 
     @property
     def words(self) -> str:
@@ -99,31 +89,21 @@ def _percent(error: float) -> str:
 
 @dataclass(eq=False)
 class _Known:
-    """A plane of motion.
+    """A plane of motion."""
 
-    Attributes:
-        names: (f,) derivatives that are estimated in flight.
-        estimate: (3 f,) a, b and c of each over its believed value, without its sign.
-        information: (3 f, 3 f) on a, b and c of each over its believed value.
-        alpha: angle of attack that s is zero at.
-        at: point of the plan -> (f,) what is believed there, over ``size`` and dynamic pressure, and (f,) itself.
-        now: derivative -> estimate over what is believed, of those that are known.
-        share: (f,) of expected information on each that the runs have brought.
-        targets: (t, 3 f) what is wanted, by a, b and c, over the wanted error of each.
-        wanted: (t,) these errors.
-        of: card and name of each.
-    """
-
-    names: tuple[str, ...]
-    estimate: FloatArray
-    information: FloatArray
-    alpha: float
+    names: tuple[str, ...]  # (f,) derivatives that are estimated in flight
+    estimate: FloatArray  # (3 f,) a, b and c of each over its believed value, without its sign
+    information: FloatArray  # (3 f, 3 f) on a, b and c of each over its believed value
+    alpha: float  # angle of attack that s is zero at
+    # point of the plan -> (f,) what is believed there, over ``size`` and dynamic pressure, and (f,) itself
     at: Mapping[int, tuple[FloatArray, FloatArray]]
-    now: Mapping[str, float]
+    now: Mapping[str, float]  # derivative -> estimate over what is believed, of those that are known
+    # (f,) of expected information on each that the runs have brought
     share: FloatArray = field(default_factory=lambda: np.ones(0))
+    # (t, 3 f) what is wanted, by a, b and c, over the wanted error of each
     targets: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    wanted: FloatArray = field(default_factory=lambda: np.zeros(0))
-    of: tuple[tuple[int, str], ...] = ()
+    wanted: FloatArray = field(default_factory=lambda: np.zeros(0))  # (t,) these errors
+    of: tuple[tuple[int, str], ...] = ()  # card and name of each
 
     def scatter(self, information: FloatArray) -> FloatArray:
         """Return the variances (..., t) of the targets over the wanted ones, of information (..., 3 f, 3 f)."""

@@ -47,24 +47,16 @@ _LEAK_S = 20.0  # of a flow angle that is integrated
 
 @dataclass(frozen=True)
 class Estimate:
-    """One derivative so far.
+    """One derivative so far."""
 
-    Attributes:
-        name, value: of the structure, SI.
-        std: standard error; residuals may be coloured.
-        half: half width of the 95 % interval.
-        believed: value before the flight; None if nobody said.
-        wanted: standard error that is wanted; 0 if none is.
-        reached: whether it is as small as that.
-    """
-
+    # name, value: of the structure, SI
     name: str
     value: float
-    std: float
-    half: float
-    believed: float | None
-    wanted: float
-    reached: bool
+    std: float  # standard error; residuals may be coloured
+    half: float  # half width of the 95 % interval
+    believed: float | None  # value before the flight; None if nobody said
+    wanted: float  # standard error that is wanted; 0 if none is
+    reached: bool  # whether it is as small as that
 
 
 class Plane:

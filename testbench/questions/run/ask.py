@@ -26,22 +26,14 @@ from testbench.sensors import SensorSuite, load_suite
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a run needs before it flies; made once if many runs share it, or change it.
+    """What a run needs before it flies; made once if many runs share it, or change it."""
 
-    Attributes:
-        aircraft: it may differ from the one that the scenario names.
-        suites: they may differ from those that the scenario names.
-        trimmed: at the scenario's condition and steady wind.
-        truth: of this aircraft and trim, or None if estimates are not compared with the truth.
-        channels: of the truth to log; all if None.
-        flown: truth of each manoeuvre, if they have been flown already; see :func:`wanted_flights`.
-    """
-
-    aircraft: Aircraft
-    suites: tuple[SensorSuite, ...]
-    trimmed: TrimmedFlight
-    truth: Truth | None = None
-    channels: tuple[str, ...] | None = None
+    aircraft: Aircraft  #: it may differ from the one that the scenario names
+    suites: tuple[SensorSuite, ...]  #: they may differ from those that the scenario names
+    trimmed: TrimmedFlight  #: at the scenario's condition and steady wind
+    truth: Truth | None = None  #: of this aircraft and trim, or None if estimates are not compared with the truth
+    channels: tuple[str, ...] | None = None  #: of the truth to log; all if None
+    #: truth of each manoeuvre, if they have been flown already; see :func:`wanted_flights`
     flown: tuple[FlightRecord, ...] = ()
 
 

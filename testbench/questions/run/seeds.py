@@ -29,21 +29,15 @@ _PREDICTION = "prediction"
 
 @dataclass(frozen=True)
 class Gain:
-    """What another suite changes in one error of one estimator, seed by seed.
+    """What another suite changes in one error of one estimator, seed by seed."""
 
-    Attributes:
-        estimator: its name.
-        quantity: whose error.
-        suite: compared with the first one.
-        before, after: mean error through the first suite and through this one, with its interval, %.
-        p: of such differences by chance, corrected for all questions that were asked (Holm); None: too few pairs.
-    """
-
-    estimator: str
-    quantity: str
-    suite: str
+    estimator: str  # its name
+    quantity: str  # whose error
+    suite: str  # compared with the first one
+    # before, after: mean error through the first suite and through this one, with its interval, %
     before: Interval
     after: Interval
+    # of such differences by chance, corrected for all questions that were asked (Holm); None: too few pairs
     p: float | None
 
     @property
@@ -54,16 +48,12 @@ class Gain:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Errors over seeds.
+    """Errors over seeds."""
 
-    Attributes:
-        count: seeds, that of the scenario among them.
-        errors: (suite, estimator) -> quantity -> errors (count,), %: of a mode's pole |found - true| / |true|, of a
-            parameter |found - true| / |true|, of the prediction the mean MRSE on validation data over the outputs that
-            all suites sense. NaN where a seed gave none.
-    """
-
-    count: int
+    count: int  # seeds, that of the scenario among them
+    # (suite, estimator) -> quantity -> errors (count,), %: of a mode's pole |found - true| / |true|, of a parameter
+    # |found - true| / |true|, of the prediction the mean MRSE on validation data over the outputs that all suites
+    # sense. NaN where a seed gave none.
     errors: Mapping[Key, Mapping[str, FloatArray]]
 
     @property

@@ -60,18 +60,13 @@ def trim_for(
 
 @dataclass
 class Flown:
-    """One flight that was served, from its trim to its end.
+    """One flight that was served, from its trim to its end."""
 
-    Attributes:
-        truth, measured: its records; ``measured`` is what the suite told the autopilot, None without one.
-        duration_s: of the flight, which may be longer than its record.
-        reason: why it ended; "" if the autopilot, or the user, ended it.
-    """
-
+    # truth, measured: its records; ``measured`` is what the suite told the autopilot, None without one
     truth: FlightRecord
     measured: FlightRecord | None
-    duration_s: float
-    reason: str
+    duration_s: float  # of the flight, which may be longer than its record
+    reason: str  # why it ended; "" if the autopilot, or the user, ended it
 
 
 @dataclass

@@ -123,27 +123,16 @@ class Correction(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A structure whose free parameters are states.
+    """A structure whose free parameters are states."""
 
-    Attributes:
-        structure: the equations.
-        chosen: (f,) indices of the parameters that are states.
-        values: (k,) of all parameters; only the fixed ones are used.
-        dt_s: sample time, s.
-        substeps: Runge-Kutta steps per sample.
-        Q: (n + f,) variance of the process noise of one sample.
-        R: (p,) variance of the measurement noise.
-        affine: the matrices of a linear structure as a sum over its parameters, or None.
-    """
-
-    structure: ModelStructure
-    chosen: NDArray[np.intp]
-    values: FloatArray
-    dt_s: float
-    substeps: int
-    Q: FloatArray
-    R: FloatArray
-    affine: Affine | None = None
+    structure: ModelStructure  # the equations
+    chosen: NDArray[np.intp]  # (f,) indices of the parameters that are states
+    values: FloatArray  # (k,) of all parameters; only the fixed ones are used
+    dt_s: float  # sample time, s
+    substeps: int  # Runge-Kutta steps per sample
+    Q: FloatArray  # (n + f,) variance of the process noise of one sample
+    R: FloatArray  # (p,) variance of the measurement noise
+    affine: Affine | None = None  # the matrices of a linear structure as a sum over its parameters, or None
 
     @property
     def states(self) -> int:
@@ -197,29 +186,18 @@ class Filter(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Estimates along one record.
+    """Estimates along one record."""
 
-    Attributes:
-        t_s: (N,) times.
-        states: (N, n) filtered, with ``states_std`` (N, n).
-        parameters: (N, f) of the free parameters, with ``parameters_std`` (N, f).
-        covariance: (N, n + f, n + f) of states and parameters together.
-        innovations: (N, p), zero where not measured.
-        innovations_std: (N, p) that the filter expects, nan-free: zero where not measured.
-        smoothed: (N, n + f) states and parameters given the whole record, or None.
-        smoothed_covariance: (N, n + f, n + f), or None.
-    """
-
-    t_s: FloatArray
-    states: FloatArray
+    t_s: FloatArray  # (N,) times
+    states: FloatArray  # (N, n) filtered, with ``states_std`` (N, n)
     states_std: FloatArray
-    parameters: FloatArray
+    parameters: FloatArray  # (N, f) of the free parameters, with ``parameters_std`` (N, f)
     parameters_std: FloatArray
-    covariance: FloatArray
-    innovations: FloatArray
-    innovations_std: FloatArray
-    smoothed: FloatArray | None = None
-    smoothed_covariance: FloatArray | None = None
+    covariance: FloatArray  # (N, n + f, n + f) of states and parameters together
+    innovations: FloatArray  # (N, p), zero where not measured
+    innovations_std: FloatArray  # (N, p) that the filter expects, nan-free: zero where not measured
+    smoothed: FloatArray | None = None  # (N, n + f) states and parameters given the whole record, or None
+    smoothed_covariance: FloatArray | None = None  # (N, n + f, n + f), or None
 
 
 def run(

@@ -46,17 +46,11 @@ _MIDDLE, _SPREAD = 1.0, 1.5  # prior of the bandwidth: 1 rad/s, within a factor 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Gust(ModelStructure):
-    """The structure with its gust: the state "gust" comes first, the parameter ln a last.
+    """The structure with its gust: the state "gust" comes first, the parameter ln a last."""
 
-    Attributes:
-        calm: the structure without gust.
-        angle: index of the state that is the flow angle.
-        inertial: (p,) outputs that do not feel the gust.
-    """
-
-    calm: ModelStructure
-    angle: int
-    inertial: tuple[bool, ...]
+    calm: ModelStructure  # the structure without gust
+    angle: int  # index of the state that is the flow angle
+    inertial: tuple[bool, ...]  # (p,) outputs that do not feel the gust
 
     @property
     def meaning(self) -> str:

@@ -147,24 +147,17 @@ _WHOLE_ONLY = ("V", "u", "qbar")  # whose deviations from trim are seldom meant 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """The equations of one structure, ready to be compiled.
+    """The equations of one structure, ready to be compiled."""
 
-    Attributes:
-        states, inputs, outputs, parameters: names, in the order of the arrays' columns.
-        steps: intermediate quantities and their trees, in the order of computing.
-        rates: (n,) trees of the derivatives.
-        shown: (p,) trees of the outputs.
-        initial: state -> tree of its start, of constants, start values and channels.
-    """
-
+    #: states, inputs, outputs, parameters: names, in the order of the arrays' columns
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    steps: tuple[tuple[str, Node], ...]
-    rates: tuple[Node, ...]
-    shown: tuple[Node, ...]
-    initial: tuple[tuple[str, Node], ...] = ()
+    steps: tuple[tuple[str, Node], ...]  #: intermediate quantities and their trees, in the order of computing
+    rates: tuple[Node, ...]  #: (n,) trees of the derivatives
+    shown: tuple[Node, ...]  #: (p,) trees of the outputs
+    initial: tuple[tuple[str, Node], ...] = ()  #: state -> tree of its start, of constants, start values and channels
 
     @classmethod
     def of(
@@ -527,17 +520,11 @@ def _bent(angle: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Written(ModelStructure):
-    """What structures from text share: their law, and where their states begin.
+    """What structures from text share: their law, and where their states begin."""
 
-    Attributes:
-        law: the equations.
-        moving: inputs that must move for the parameters to be found.
-        means: packaged structure whose parameters these are; "" if that is not said.
-    """
-
-    law: Law
-    moving: tuple[str, ...]
-    means: str = ""
+    law: Law  #: the equations
+    moving: tuple[str, ...]  #: inputs that must move for the parameters to be found
+    means: str = ""  #: packaged structure whose parameters these are; "" if that is not said
 
     @property
     def meaning(self) -> str:

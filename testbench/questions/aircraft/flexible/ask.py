@@ -28,21 +28,13 @@ _TEST = "ground_test"  # folder of the copy of what was measured
 
 @dataclass(frozen=True, eq=False)
 class FlexibleAnswer:
-    """The flexible aircraft, and what its modes do in flight.
+    """The flexible aircraft, and what its modes do in flight."""
 
-    Attributes:
-        rigid: name of the aircraft that it was made from.
-        test: the modes as they were given.
-        made: the aircraft and the strips that couple its modes.
-        folder: where it was written.
-        survey: of the aircraft as the loader reads it there.
-    """
-
-    rigid: str
-    test: GroundTest
-    made: Flexible
-    folder: Path
-    survey: Survey
+    rigid: str  # name of the aircraft that it was made from
+    test: GroundTest  # the modes as they were given
+    made: Flexible  # the aircraft and the strips that couple its modes
+    folder: Path  # where it was written
+    survey: Survey  # of the aircraft as the loader reads it there
 
 
 def add_ground_test(

@@ -82,46 +82,31 @@ LEVEL = 1.959964  # of a 95 % interval, in standard errors
 
 
 class Cell(NamedTuple):
-    """One method on one flight.
+    """One method on one flight."""
 
-    Attributes:
-        errors: of wn (rad/s) and zeta, estimate minus truth or printed value; None if it failed.
-        bound: Cramér-Rao bound of both; None for recorded flights.
-        truth: of both.
-        stated: figure -> (error, standard error that the method states).
-        seconds: of the processor, that it took.
-        reason: why it failed; "" if it did not.
-    """
-
+    # of wn (rad/s) and zeta, estimate minus truth or printed value; None if it failed
     errors: tuple[float, float] | None
-    bound: tuple[float, float] | None
-    truth: tuple[float, float]
-    stated: Mapping[str, tuple[float, float]]
-    seconds: float
-    reason: str = ""
+    bound: tuple[float, float] | None  # Cramér-Rao bound of both; None for recorded flights
+    truth: tuple[float, float]  # of both
+    stated: Mapping[str, tuple[float, float]]  # figure -> (error, standard error that the method states)
+    seconds: float  # of the processor, that it took
+    reason: str = ""  # why it failed; "" if it did not
 
 
 class Score(NamedTuple):
-    """One method on one data set.
+    """One method on one data set."""
 
-    Attributes:
-        data, method: their names.
-        flights: that it was given, and ``failed`` of them without a model; ``reason`` of the first.
-        rms: of the errors of wn and zeta, in bounds; None for recorded flights, or if it gave none.
-        relative: rms of both errors over the true or printed values.
-        held: share of the stated 95 % intervals that hold the truth, of ``intervals``; None if none is stated.
-        seconds: of the processor, median.
-    """
-
+    # data, method: their names
     data: str
     method: str
-    flights: int
+    flights: int  # that it was given, and ``failed`` of them without a model; ``reason`` of the first
     failed: int
-    rms: float | None
-    relative: float | None
+    rms: float | None  # of the errors of wn and zeta, in bounds; None for recorded flights, or if it gave none
+    relative: float | None  # rms of both errors over the true or printed values
+    # share of the stated 95 % intervals that hold the truth, of ``intervals``; None if none is stated
     held: float | None
     intervals: int
-    seconds: float
+    seconds: float  # of the processor, median
     reason: str
 
 

@@ -15,25 +15,18 @@ from testbench.core.record import FloatArray
 
 @dataclass(frozen=True)
 class Aim:
-    """One derivative of the model that was chosen.
+    """One derivative of the model that was chosen."""
 
-    Attributes:
-        name, unit: as identified.
-        identified, std: estimate and standard error.
-        before: what the aircraft had.
-        aimed: what it is to have; None if it is left as it was.
-        why: why it is left, or what was done to it; "" if the identified value is aimed at as it is.
-        reached: what the amended aircraft has, loaded from its folder and linearised.
-    """
-
+    #: name, unit: as identified
     name: str
     unit: str
+    #: identified, std: estimate and standard error
     identified: float
     std: float
-    before: float
-    aimed: float | None
-    why: str = ""
-    reached: float | None = None
+    before: float  #: what the aircraft had
+    aimed: float | None  #: what it is to have; None if it is left as it was
+    why: str = ""  #: why it is left, or what was done to it; "" if the identified value is aimed at as it is
+    reached: float | None = None  #: what the amended aircraft has, loaded from its folder and linearised
 
     @property
     def off(self) -> float | None:
@@ -45,21 +38,13 @@ class Aim:
 
 @dataclass(frozen=True)
 class ServoAim:
-    """The servo of one control.
+    """The servo of one control."""
 
-    Attributes:
-        control: "de", "da" or "dr".
-        before_s: time constant that the aircraft had; None without a lag.
-        lag_s: what was written.
-        std_s: its standard error; None if the description gave it.
-        reached_s: what the amended aircraft has.
-    """
-
-    control: str
-    before_s: float | None
-    lag_s: float
-    std_s: float | None
-    reached_s: float | None = None
+    control: str  #: "de", "da" or "dr"
+    before_s: float | None  #: time constant that the aircraft had; None without a lag
+    lag_s: float  #: what was written
+    std_s: float | None  #: its standard error; None if the description gave it
+    reached_s: float | None = None  #: what the amended aircraft has
 
 
 @dataclass(frozen=True)
@@ -77,47 +62,31 @@ class Coefficient:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """One record beside what both aircraft do with its inputs.
+    """One record beside what both aircraft do with its inputs."""
 
-    Attributes:
-        name: of the record.
-        use: "identification" or "validation".
-        t_s: (n,).
-        channels: (p,) outputs.
-        measured: (n, p) as prepared, deviations, SI.
-        valid: (n, p) samples that count.
-        before, after: (n, p) of the old and the amended aircraft; None if it did not fly to the end.
-        notes: what happened, in sentences.
-    """
-
-    name: str
-    use: str
-    t_s: FloatArray
-    channels: tuple[str, ...]
-    measured: FloatArray
-    valid: NDArray[np.bool_]
+    name: str  #: of the record
+    use: str  #: "identification" or "validation"
+    t_s: FloatArray  #: (n,)
+    channels: tuple[str, ...]  #: (p,) outputs
+    measured: FloatArray  #: (n, p) as prepared, deviations, SI
+    valid: NDArray[np.bool_]  #: (n, p) samples that count
+    #: before, after: (n, p) of the old and the amended aircraft; None if it did not fly to the end
     before: FloatArray | None
     after: FloatArray | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: what happened, in sentences
 
 
 @dataclass(frozen=True)
 class Miss:
-    """How far one output of both aircraft is from what was measured, over all records of one use.
+    """How far one output of both aircraft is from what was measured, over all records of one use."""
 
-    Attributes:
-        channel: output.
-        use: "identification" or "validation".
-        size: root mean square of what was measured about its mean, SI.
-        before, after: root mean square of the difference, SI; None if a flight did not reach its end.
-        theil_before, theil_after: Theil's inequality coefficient, 0 for equal and 1 for opposite.
-    """
-
-    channel: str
-    use: str
-    size: float
+    channel: str  #: output
+    use: str  #: "identification" or "validation"
+    size: float  #: root mean square of what was measured about its mean, SI
+    #: before, after: root mean square of the difference, SI; None if a flight did not reach its end
     before: float | None
     after: float | None
+    #: theil_before, theil_after: Theil's inequality coefficient, 0 for equal and 1 for opposite
     theil_before: float | None
     theil_after: float | None
 

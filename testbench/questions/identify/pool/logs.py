@@ -30,21 +30,14 @@ _REFUSED = ("not converged", "at bound")
 
 @dataclass(frozen=True, eq=False)
 class Contribution:
-    """What one log gives.
+    """What one log gives."""
 
-    Attributes:
-        coefficients: with their whole covariance.
-        derivative_of: coefficient -> the derivative that it is made from.
-        believed: coefficient -> value in the model of the aircraft at the condition of the log; empty without one.
-        balance: (derivative or model, why it is not in the pool).
-        doubts: what may make its coefficients wrong, in sentences.
-    """
-
-    coefficients: LogCoefficients
-    derivative_of: dict[str, str]
+    coefficients: LogCoefficients  # with their whole covariance
+    derivative_of: dict[str, str]  # coefficient -> the derivative that it is made from
+    # coefficient -> value in the model of the aircraft at the condition of the log; empty without one
     believed: dict[str, float]
-    balance: tuple[tuple[str, str], ...]
-    doubts: tuple[Advice, ...]
+    balance: tuple[tuple[str, str], ...]  # (derivative or model, why it is not in the pool)
+    doubts: tuple[Advice, ...]  # what may make its coefficients wrong, in sentences
 
     @property
     def why_nothing(self) -> str:
