@@ -138,6 +138,10 @@ def name_effect(
         return out
 
     out = weighed()
+    best = max(out.effects, key=lambda n: out.table[n].log_evidence, default=None)
+    if out.nothing <= 0.5 and best is not None:  # does one do without the effect where it brought the coefficients?
+        asked["nothing"] = asker.nothing(out.table[best].posterior.by_name)
+        out = weighed(out)
     if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
         say("search terms outside the library")
         terms, tried = asker.open_terms()
@@ -443,9 +447,10 @@ class _Asker:
         """The coefficients that are re-tuned beside every hypothesis."""
         return tuple(Parameter(n, "aircraft", 1.0, s) for n, s in self.tuned.priors.items())
 
-    def nothing(self) -> Hypothesis:
+    def nothing(self, begin: Mapping[str, float] | None = None) -> Hypothesis:
         """Return the hypothesis that coefficients within their priors are all."""
-        return self._asked("nothing", self.coefficients, self._begin("nothing"), lambda values: self.believed)
+        begin = self._begin("nothing") if begin is None else begin
+        return self._asked("nothing", self.coefficients, begin, lambda values: self.believed)
 
     def coefficient(self, *names: str) -> Hypothesis:
         """Return the hypothesis that a coefficient, or several, are wrong, which is all."""

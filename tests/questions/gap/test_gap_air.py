@@ -218,6 +218,17 @@ def test_a_gap_is_not_taken_for_turbulence_that_the_quiet_flight_refutes(believe
     assert listen_again(believed, records, still, 0.0) is still
 
 
+def test_turbulence_that_no_quiet_flight_shows_is_found_where_it_gains_more_than_an_unknown_motion(believed, turbulent):
+    unheard = AirFound(False, 0.0, 547.0, 0.0, float("inf"), 0.0)
+    found = listen_again(believed, turbulent[0], unheard, 100.0)
+    assert found.moves
+    assert not found.in_quiet
+    assert found.rms_m_s == pytest.approx(RMS, rel=0.25)
+    assert "turbulence explains more" in found.sentence
+    assert listen_again(believed, turbulent[0], unheard, found.gain + 1.0) is unheard
+    assert listen_again(believed, measure(believed, 60), unheard, 0.0) is unheard
+
+
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "alpha_scale", "thrust_line", "mass_error")}
 
 

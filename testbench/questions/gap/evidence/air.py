@@ -95,7 +95,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     height = max(believed.condition.h_m, LOWEST_M)
     if not quiet:
         return AirFound(False, 0.0, height, 0.0, float("inf"), 0.0)
-    threshold = float(chi2.isf(2.0 * CRITERIA.false_alarm, 1))
+    threshold = _threshold()
     rms, gain = _likeliest(plain, quiet, height)
     if gain > threshold:
         rms, gain = _likeliest(plain, _steadied(plain, quiet, height), height)
@@ -116,6 +116,11 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
     return replace(heard, rms_m_s=rms, height_m=height)
 
 
+def _threshold() -> float:
+    """Return what the statistic of turbulence exceeds in noise alone with a probability of ``false_alarm``."""
+    return float(chi2.isf(2.0 * CRITERIA.false_alarm, 1))
+
+
 def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
     """Return ``heard`` with the rms and height of all records, coefficients re-tuned in ``tuned``.
 
@@ -130,21 +135,20 @@ def listen_again(amended: Believed, records: Sequence[FlightRecord], heard: AirF
     """Return what all of the records say of the air, once something was named.
 
     If turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. If it was not, light
-    turbulence may still be what is left, as it does not show in a second or two of quiet flight. It is the better
-    explanation if it gains more likelihood than an unknown motion does, and if the quiet flight does not refute that
-    rms. The second condition is needed: a gap that no effect explains looks like turbulence from the first command on.
+    turbulence may still be what is left, as it does not show in a second or two of quiet flight, or in none. It is the
+    better explanation if it gains more likelihood than an unknown motion does, and if the quiet flight, where there is
+    any, does not refute that rms: a gap that no effect explains looks like turbulence from the first command on.
     ``unknown`` is twice what an unknown motion beside what was named gains in ln p.
     """
     if heard.moves:
         return measure(amended, records, heard)
-    if not heard.quiet_s:  # a gap that nothing explains would look like turbulence
-        return heard
     rms, of_turbulence = _likeliest(amended, plain_residuals(amended, records), heard.height_m)
-    if of_turbulence <= max(heard.threshold, unknown):
+    if of_turbulence <= max(_threshold(), unknown):
         return heard
     if _refuted(amended, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
         return heard
-    return measure(amended, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
+    found = replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, threshold=_threshold(), in_quiet=False)
+    return measure(amended, records, found)
 
 
 def misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
@@ -163,10 +167,10 @@ def _models(
 
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
-    """Return whether the quiet flight is so much likelier in the ``other`` air that ``air`` is ruled out."""
+    """Return whether there is quiet flight, and so much likelier in the ``other`` air that ``air`` is ruled out."""
     plain = replace(believed, whiten=None)
     quiet = _steadied(plain, _quiet(plain, records), air.height_m)
-    return misfit(believed, quiet, air) - misfit(believed, quiet, other) > CRITERIA.air_refuted
+    return bool(quiet) and misfit(believed, quiet, air) - misfit(believed, quiet, other) > CRITERIA.air_refuted
 
 
 def plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
