@@ -25,8 +25,8 @@ def test_what_a_record_says_of_noise_is_the_mean_of_the_dense_normal_distributio
     Biases and where the aircraft began, Z, are anything: y is first freed of Z by weighted least squares.
     """
     believed = believe(HALF_A_DEGREE)
-    by = driven(believed, measure(believed, NOTHING, amplitudes=(2.0,)), {}, "both")
-    model = GustModel.at_trim(by.believed, 500.0, 0.02)
+    driving, _, _ = driven(believed, measure(believed, NOTHING, amplitudes=(2.0,)), "both")
+    model = GustModel.at_trim(driving, 500.0, 0.02)
     n, (p, size) = 30, model.H[0].shape
     F, H, Q = model.F[0], model.H[0], model.Q0[0]
     own = solve_discrete_are(F.T, H.T, Q, np.eye(p))
@@ -62,9 +62,9 @@ def test_noise_of_a_surface_does_not_make_its_control_look_weak():
     believed = believe(HALF_A_DEGREE, STOCK)
     found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
     for seed in range(2):
-        by = driven(believed, measure(believed, NOTHING, seed=seed), {}, "both")
-        records, whitened = list(by.records.values()), in_air(by.believed, STILL_AIR)
-        for freed, given in ((False, records), (True, smoothed(by.believed, STILL_AIR, records))):
+        driving, recorded, _ = driven(believed, measure(believed, NOTHING, seed=seed), "both")
+        records, whitened = list(recorded.values()), in_air(driving, STILL_AIR)
+        for freed, given in ((False, records), (True, smoothed(driving, STILL_AIR, records))):
             tuned = retune(Point.at(whitened, whitened, tuple(given)))
             found[freed].append(tuned.by_name)
     mean = {freed: {n: np.mean([f[n] for f in of]) for n in ("Cm_de", "Cm_q")} for freed, of in found.items()}
@@ -77,13 +77,11 @@ def test_noise_of_a_surface_does_not_make_its_control_look_weak():
 def test_the_residual_stays_what_it_was_and_the_surface_comes_nearer_to_the_truth():
     believed = believe(HALF_A_DEGREE, STOCK)
     given = measure(believed, NOTHING)
-    by, without = (
-        driven(believed, given, {}, "both"),
-        driven(believe(0.0, STOCK), measure(believe(0.0, STOCK), NOTHING), {}, "both"),
-    )
-    flown = in_air(by.believed, STILL_AIR)
-    for record, true in zip(by.records.values(), without.records.values(), strict=True):
-        (freed,) = smoothed(by.believed, STILL_AIR, [record])
+    driving, recorded, _ = driven(believed, given, "both")
+    _, without, _ = driven(believe(0.0, STOCK), measure(believe(0.0, STOCK), NOTHING), "both")
+    flown = in_air(driving, STILL_AIR)
+    for record, true in zip(recorded.values(), without.values(), strict=True):
+        (freed,) = smoothed(driving, STILL_AIR, [record])
         assert begins_quietly(freed)
         assert np.std(flown.residuals(freed) - flown.residuals(record)) < 0.05  # of the noise
         was, now = (np.std(r["de_cmd"] - true["de_cmd"]) for r in (record, freed))

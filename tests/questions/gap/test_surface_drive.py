@@ -187,24 +187,24 @@ def test_the_model_flies_by_surfaces_as_it_does_by_commands_whatever_its_servo()
     b = believe(0.0, also_command=True)
     records = measure(b, NOTHING, amplitudes=(2.0,))
     slow = b.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 2.0})
-    by = driven(slow, records, {}, "surface")
+    driving, recorded, paths = driven(slow, records, "surface")
     (one,) = records
-    right, wrong, found = (m.residuals(r[one]) for m, r in ((b, records), (slow, records), (by.believed, by.records)))
+    right, wrong, found = (m.residuals(r[one]) for m, r in ((b, records), (slow, records), (driving, recorded)))
     assert float(np.sum(wrong**2)) > 3.0 * float(np.sum(right**2))
     assert np.abs(found - right).max() < 0.5  # of the noise: what lies between two samples of the surface
     assert float(np.mean((found - right) ** 2)) < 0.1 * np.sqrt(2.0 / right.size)  # a tenth of what noise scatters by
-    assert by.paths[0].why == 'drive = "surface" asks for it'
-    assert "de" not in by.believed.outputs
+    assert paths[0].why == 'drive = "surface" asks for it'
+    assert "de" not in driving.outputs
 
 
 def test_noise_of_the_surface_is_taken_out_as_a_gust_would_be():
     """Half a degree: five times that of any other test. White residuals leave no more than their number."""
     noise = 5.0 * NOISE_RAD
-    by = driven(believe(noise), of_nothing(noise), {}, "both")
-    n = sum(int(by.believed.taken(r).sum()) for r in by.records.values())
+    driving, recorded, _ = driven(believe(noise), of_nothing(noise), "both")
+    n = sum(int(driving.taken(r).sum()) for r in recorded.values())
     plain, white = (
-        sum(float(np.sum(m.residuals(r) ** 2)) for r in by.records.values())
-        for m in (by.believed, in_air(by.believed, STILL_AIR))
+        sum(float(np.sum(m.residuals(r) ** 2)) for r in recorded.values())
+        for m in (driving, in_air(driving, STILL_AIR))
     )
     assert plain > n + 8.0 * np.sqrt(2.0 * n)
     assert abs(white - n) < 4.0 * np.sqrt(2.0 * n)
@@ -212,11 +212,11 @@ def test_noise_of_the_surface_is_taken_out_as_a_gust_would_be():
 
 def test_nothing_of_the_servo_is_left_in_the_model_that_surfaces_drive():
     b = believe()
-    by = driven(b, of_nothing(NOISE_RAD), {}, "both")
-    assert corner_of(by.believed.aircraft, "de") > 10.0 * corner_of(b.aircraft, "de")
-    assert by.believed.aircraft.amendments[-1].name == BYPASS
-    assert control_path(by.believed.aircraft, "de").lag == control_path(b.aircraft, "de").lag
-    (path,) = by.paths
+    driving, _, paths = driven(b, of_nothing(NOISE_RAD), "both")
+    assert corner_of(driving.aircraft, "de") > 10.0 * corner_of(b.aircraft, "de")
+    assert driving.aircraft.amendments[-1].name == BYPASS
+    assert control_path(driving.aircraft, "de").lag == control_path(b.aircraft, "de").lag
+    (path,) = paths
     assert (path.control, path.why) == ("de", "its command, de_cmd, is not recorded")
     assert {"actuator_lag", "pitch_damper", "transport_delay", "free_play", "clock_offset"} <= set(path.effects)
     assert not {"surface_scale", "drag_increment"} & set(path.effects)
@@ -225,7 +225,7 @@ def test_nothing_of_the_servo_is_left_in_the_model_that_surfaces_drive():
 def test_a_model_that_turns_the_surface_itself_cannot_be_driven_by_it():
     damped = believe().with_effect(EFFECTS["pitch_damper"], {"gain_s": 0.1})
     with pytest.raises(RecordError, match="cannot drive a model that moves it by feedback"):
-        driven(damped, of_nothing(NOISE_RAD), {}, "both")
+        driven(damped, of_nothing(NOISE_RAD), "both")
 
 
 @pytest.mark.parametrize("hidden", [SLOW, rate_feedback(0.1)], ids=["slow servo", "feedback"])
