@@ -159,7 +159,8 @@ def compare_hypotheses(
 
     Raises:
         RecordError: a record is not measured, or lacks a channel that has noise.
-        EstimationError: no hypothesis is given, two have one name, or a prediction has another shape.
+        EstimationError: no hypothesis is given, two have one name, a prediction has another shape, or one gives no
+            numbers from any of its beginnings.
 
     Example:
         >>> import testbench as tb
@@ -241,7 +242,7 @@ def _fitted(
     def whole(fits: Mapping[str, Fit]) -> bool:
         """Return whether the best of them needs no unknown motion: from elsewhere others could be its equal at best."""
         best = max([*fits.values(), *(fit for _, fit in known.values())], key=lambda f: f.log_evidence)
-        return data.unknown is not None and KAPPAS[best.k] <= WHOLE
+        return data.unknown is not None and math.isfinite(best.log_evidence) and KAPPAS[best.k] <= WHOLE
 
     def run(some: Sequence[Hypothesis], scales: FloatArray | None = None) -> list[Fit]:
         best = {h.name: known[h.name][1] for h in some if h.name in known}
@@ -256,6 +257,9 @@ def _fitted(
                 ways[one.name].append(np.array([list(one.first.values()), found.theta]))
                 if one.name not in best or found.log_evidence > best[one.name].log_evidence:
                     best[one.name] = found
+        for h in some:
+            if best[h.name].log_evidence == -math.inf:
+                raise EstimationError(f"'{h.name}' must predict numbers where its fit begins, got none from {h.first}")
         return [best[h.name] for h in some]
 
     (first,) = run(hypotheses[:1])

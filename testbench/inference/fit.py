@@ -93,7 +93,8 @@ class Hypothesis:
         predict: see :data:`Predict`; NaN where it cannot be flown.
         odds: prior odds against the other hypotheses.
         begin: parameter -> value that the fit begins at, where that is not the mean of its prior.
-        more: further such beginnings; the best fit of all is kept.
+        more: further such beginnings, tried while no hypothesis is the whole story, but for those that an earlier fit
+            came by; the best fit of all is kept.
         slopes: see :data:`Slopes`, of those parameters whose tangents are known without differences.
         form: as ``predict``: how far what is true may depart from what the hypothesis says, as no law has quite the
             form of the real thing; its signature times the relative error of its form.

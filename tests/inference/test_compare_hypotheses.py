@@ -347,3 +347,23 @@ def test_further_beginnings_are_tried_while_something_is_left_and_not_where_a_fi
     assert [some for some in keeper.new["begun"] if some] == begun
     assert found["near"].posterior["w"][0] == pytest.approx(2.0, abs=0.03)
     assert found["far"].posterior["w"][0] == pytest.approx(2.0 if besides else 8.0, abs=0.03)
+
+
+def test_a_beginning_that_cannot_be_predicted_is_passed_over_unless_it_is_the_only_one():
+    t = np.arange(200) * 0.05
+    record = FlightRecord(
+        t, ("q",), 0.2 * t[:, None] + 0.01 * np.random.default_rng(5).normal(size=(200, 1)), "measured"
+    )
+    a = Parameter("a", "effect", 0.0, 1.0)
+
+    def line(*beginnings):
+        first, *more = ({"a": x} for x in beginnings)
+        return Hypothesis(
+            "line", (a,), lambda r, x: np.where(abs(x["a"]) > 2.0, np.nan, x["a"] * t)[:, None], begin=first, more=more
+        )
+
+    for beginnings in ((0.1,), (0.1, 3.0), (3.0, 0.1)):
+        found = compare_hypotheses([record], [line(*beginnings)], Noise({"q": 0.01}), lambda r: np.ones((200, 1, 1)))
+        assert found.best.posterior["a"][0] == pytest.approx(0.2, abs=0.01)
+    with pytest.raises(EstimationError, match="'line' must predict numbers where its fit begins, got none from"):
+        compare_hypotheses([record], [line(3.0)], Noise({"q": 0.01}))

@@ -514,7 +514,7 @@ class _Asker:
     def _flies(self, hypothesis: Hypothesis) -> bool:
         first = hypothesis.first
         self.ahead([(hypothesis, first)])
-        return all(np.any(np.isfinite(hypothesis.predict(record, first))) for record in self.records)
+        return all(np.isfinite(hypothesis.predict(r, first)[self.believed.taken(r)]).all() for r in self.records)
 
     def alone(self, hypothesis: Hypothesis, row: Row) -> Hypothesis:
         """Return the hypothesis of one effect that begins where several, of which it is one, came to rest."""
