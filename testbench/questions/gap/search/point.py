@@ -24,8 +24,7 @@ from testbench.questions.gap.flights import AT_ONCE, Wanted, flights
 from testbench.questions.gap.priors import LATERAL_PRIORS
 
 STEP = 0.01  # of forward differences of flights by the nuisances, which are factors
-_MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
-_MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
+_MAX_STEP = 1.0  # largest change of a nuisance per round, in standard deviations of its prior
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies
 NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
@@ -167,10 +166,7 @@ class Point:
     def towards(self, nuisances: FloatArray) -> FloatArray:
         """Return ``nuisances``, or as far on the way to them as one round may go."""
         step = nuisances - self.nuisances
-        lateral = np.array([n in LATERAL_PRIORS for n in self.priors])
-        share = min(1.0, _MAX_STEP / max(float(np.max(np.abs(step[~lateral]), initial=0.0)), 1e-12))
-        if self.lateral:
-            share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
+        share = min(1.0, _MAX_STEP / max(float(np.max(np.abs(step / self.prior_std), initial=0.0)), 1e-12))
         return self.nuisances + step * share
 
     def moved(self, model: Believed, nuisances: FloatArray) -> Point | None:
