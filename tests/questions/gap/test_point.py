@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.blind.flights import fly_truth
+from studies.blind.flights import condition, fly_truth, suite
 from studies.blind.run import believe
 from studies.blind.truth import Truth
 
+from testbench.aircraft import Amendment, ScaleCoefficient
 from testbench.core.errors import TrimError
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep
@@ -77,3 +78,17 @@ def test_re_tuning_finds_the_coefficients_of_an_aircraft_that_is_hardly_stable()
     price = sum(((f - 1.0) / PRIORS[n]) ** 2 for n, f in true.items())
     assert tuned.chi2 < price + 0.1
     assert {n: tuned.by_name[n] for n in true} == pytest.approx(true, abs=0.02)
+
+
+def test_a_coefficient_that_is_believed_to_be_nearly_zero_is_re_tuned_as_quickly_as_others():
+    steps = StandardMultistep(signal="3211", control="da", amplitude_deg=2.0, step_s=0.5, start_s=0.5)
+    u = build((steps,), 8.0, 50.0)
+    command = FlightRecord(t_s=u.t_s, channels=("da_cmd",), data=u.u, kind="measured")
+    aircraft = load_aircraft("taurus", "rigid")
+    small = aircraft.amended(Amendment("small", "a small Cn_da", (ScaleCoefficient("Cn_da", 0.02),)))
+    believed = Believed(small, suite(every_axis=True), condition("taurus"), 100.0)
+    (record,) = recorded(believed.with_nuisances({"Cn_da": 60.0}), (command,))
+    priors = {**believed.priors_of((record,)), "Cn_da": 40.0}
+    tuned = retune(Point.at(believed, believed, (record,), None, priors))
+    assert tuned.chi2 < (59.0 / 40.0) ** 2 + 0.1
+    assert tuned.by_name["Cn_da"] == pytest.approx(60.0, rel=0.01)
