@@ -13,7 +13,7 @@ Records as they are searched: cut into windows that the believed aircraft surviv
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -81,9 +81,18 @@ _SHARES = (1.0, 0.4, 0.1)
 class Cut:
     """Records as they are searched."""
 
-    records: Mapping[str, FlightRecord]  # name -> record that begins at trim, or window
+    parts: Mapping[str, Mapping[str, FlightRecord]]  # record -> its windows by name; alone if it begins at trim
     whole: Mapping[str, FlightRecord]  # name -> record as it was given; one without quiet flight says so
     notes: tuple[str, ...]  # what was cut, in sentences
+
+    @property
+    def records(self) -> dict[str, FlightRecord]:
+        """Name -> record that begins at trim, or window."""
+        return {name: part for parts in self.parts.values() for name, part in parts.items()}
+
+    def of(self, names: Iterable[str]) -> Cut:
+        """Return some of the records alone."""
+        return Cut({n: self.parts[n] for n in names}, {n: self.whole[n] for n in names}, self.notes)
 
 
 def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Windows = "auto", share: float = 1.0) -> Cut:
@@ -100,23 +109,23 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
         RecordError: a record is shorter than one window, or a length makes no sense.
     """
     if windows == "off":
-        return Cut(records, records, ())
-    out: dict[str, FlightRecord] = {}
+        return Cut({n: {n: r} for n, r in records.items()}, records, ())
+    out: dict[str, Mapping[str, FlightRecord]] = {}
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
     moving = {name: restless(record) for name, record in records.items() if not starts_freely(record)}
     quiet = {name: records[name] for name, why in moving.items() if not why and windows == "auto"}
     drifts = {name: drifting(believed, record) for name, record in quiet.items()}
-    waited, drifted = not any(moving.values()), any(drifts.values())
+    drifted = any(drifts.values())
+    waited = not (drifted or any(moving.values()))
     for name, record in records.items():
+        out[name], whole[name] = {name: record}, record
         if starts_freely(record):
-            out[name] = whole[name] = record
             continue
         why_free = moving[name] or drifts.get(name, "")
         if not why_free and windows == "auto":
             why_free = untrimmed(believed, record, waited, drifted)
         if windows == "auto" and not why_free:
-            out[name] = whole[name] = record
             continue
         with located(None, f"record '{name}'"):
             length_s, why = longest(believed, record) if windows == "auto" else (float(windows), "as wanted")
@@ -127,7 +136,7 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
                 )
             whole[name] = freed(record, record_key(record), level(record))
             parts = _parts(whole[name], length_s)
-        out |= {f"{name}, {part.t_s[0]:.4g} to {part.t_s[-1]:.4g} s": part for part in parts}
+        out[name] = {f"{name}, {part.t_s[0]:.4g} to {part.t_s[-1]:.4g} s": part for part in parts}
         each = (len(parts[0]) - round(LEAD_S / record.dt_s)) * record.dt_s
         into = f"is cut into {len(parts)} window{'s' if len(parts) > 1 else ''} of {each:.3g} s"
         because = f"{why_free}: it " if why_free else ""
@@ -167,27 +176,30 @@ def restless(record: FlightRecord) -> str:
 def untrimmed(believed: Believed, record: FlightRecord, waited: bool = True, drifted: bool = False) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If a start at trim leaves ten times as much,
-    the aircraft was not trimmed; 1.5 times as much if none ``waited`` for trim, as the records beside it show; 1.1
-    times if one of them ``drifted``, see :func:`drifting`. Nor was it then if its commands, counted from trim, leave
-    the range of a control. Turbulence and gaps in the model go on through the record: a free start leaves more of them.
+    A start is fitted to the whole record, with constant offsets of its commands: a control that is held in the midst of
+    a manoeuvre rests, too. If a start at trim leaves ten times as much, the aircraft was not trimmed; 1.5 times as much
+    if none ``waited`` for trim, as the records beside it show; 1.1 times if one of them ``drifted``, see
+    :func:`drifting`. Nor was it if its commands, counted from trim, leave the range of a control. Turbulence and gaps
+    in the model go on through the record: a free start leaves more of them.
     A believed aircraft that answers too much, or an unstable one, may leave its limits however well the true one was
     trimmed.
     """
     plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
     try:
-        if not waited:
-            believed.check_commands(record)
+        believed.check_commands(record)
         at_trim, samples = float(np.sum(plain.residuals(record) ** 2)), int(np.count_nonzero(believed.taken(record)))
         if at_trim < (_noise(samples) if drifted else _MISFIT * samples):
             return ""
         key = key_of_start(free)
-        starts = _fitted(plain, {"": free}, {key: _guess(plain, free, offsets=False)}, math.inf, _FEW_ROUNDS)
+        starts = _fitted(plain, {"": free}, {key: _guess(plain, free)}, math.inf, _FEW_ROUNDS)
         left = replace(plain, free_starts=starts).cost_of_start(free, starts[key].origin)
     except FlightAborted:
         return "cannot be flown from trim to its end"
     except LimitError:
-        return "" if waited else "commands more than a control has, if counted from trim"
+        (names, u), controls = commands(record), believed.aircraft.controls
+        swings = zip((controls[n] for n in names), np.ptp(u, axis=0), strict=True)
+        beyond = any(swing > control.full - control.low for control, swing in swings)  # from wherever it is counted
+        return "" if beyond else "commands more than a control has, if counted from trim"
     except Refusal:
         return ""
     if at_trim < (_FORETOLD if drifted else _UNTRIMMED if waited else _UNTRIMMED_BESIDE) * left:
@@ -475,9 +487,10 @@ def in_windows(
     Where the believed aircraft leaves its limits in windows of a length that is left to us, they are made shorter.
     """
     for share in SHARES:
-        given, others = (cut(believed, x, windows, share) for x in (records, held_out))
-        if not given.notes and not others.notes:
+        both = cut(believed, {**records, **held_out}, windows, share)  # whether the pilot waited for trim shows in all
+        if not both.notes:
             break
+        given, others = both.of(records), both.of(held_out)
         say("fit where windows start")
         try:
             begun = _begun(believed, given.records, others.records)
@@ -487,7 +500,7 @@ def in_windows(
         except FlightAborted:
             if windows != "auto" or share == SHARES[-1]:
                 raise
-    return believed, given, others
+    return believed, both.of(records), both.of(held_out)
 
 
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:

@@ -190,7 +190,7 @@ class _Given:
             say("estimate the noise")
             noise = find_noise(stated, list(records.values()), how.noise)
             believed = noise.corrects(stated)
-        return cls(stated, believed, records, held_out, cut.whole, noise, paths, (*cut.notes, *others.notes))
+        return cls(stated, believed, records, held_out, cut.whole, noise, paths, cut.notes)
 
     def sought(self, how: GapSearch) -> Sought:
         """Return what is weighed as an explanation."""

@@ -26,6 +26,7 @@ from real_aircraft import (
 from real_aircraft import believe as believe_real
 from recorded import flight_data
 from scipy.stats import chi2
+from studies.blind.flights import suite
 
 import testbench.questions.gap.flights as flights_module
 from testbench.core.constants import DEG_RAD
@@ -33,7 +34,7 @@ from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep, Sweep
 from testbench.effects import EFFECTS, library
-from testbench.flight import Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
@@ -126,17 +127,35 @@ def test_windows_are_as_short_as_the_believed_aircraft_can_fly(believed, too_str
         in_windows(believed, {"3211": too_strong}, {}, 9.0, lambda text: None)
 
 
-def test_commands_beyond_a_control_are_cut_beside_records_that_did_not_wait_for_trim_and_refused_alone(believed, flown):
+def test_commands_beyond_a_control_if_counted_from_trim_are_cut_and_refused_if_they_swing_by_more(believed):
     """The throttle comes back from a step that began before the record: counted from trim, that is less than none."""
     (record,) = measure(believed, 5, inputs=(ELEVATOR,), duration_s=8.0)
-    data = record.data.copy()
-    data[record.t_s > 4.0, record.channels.index("thr_cmd")] -= 0.4
-    piece = replace(record, data=data)
-    notes = cut(believed, {"piece": piece, "by hand": flown}).notes
-    assert any(n.startswith("'piece' commands more than a control has, if counted from trim: it is cut") for n in notes)
-    assert cut(believed, {"piece": piece}).notes == ()
-    with pytest.raises(LimitError, match=r"<= 100 % must hold for eolo.*'piece'"):
-        find_gap(believed, {"piece": piece}, {"piece": piece})
+    late = (record.t_s > 4.0)[:, None] * (np.array(record.channels) == "thr_cmd")
+    (note,) = cut(believed, {"piece": replace(record, data=record.data - 0.4 * late)}).notes
+    assert note.startswith("'piece' commands more than a control has, if counted from trim: it is cut")
+    percent = {"percent": replace(record, data=record.data - 40.0 * late)}
+    assert cut(believed, percent).notes == ()
+    with pytest.raises(LimitError, match=r"<= 100 % must hold for eolo.*'percent'"):
+        find_gap(believed, percent, percent)
+
+
+def test_a_control_that_is_held_in_the_midst_of_a_manoeuvre_rests_but_the_aircraft_is_not_in_trim():
+    """A glider rolls steadily, by less than counts as a turn, and its aileron is the trim of no other start."""
+    plain = suite(every_axis=True)
+    plain = replace(plain, sensors=tuple(s for s in plain.sensors if s.channel != "thr_cmd"))
+    glider = load_aircraft("jsbsim:sgs233", "rigid", commanded_at="surface")
+    believed = Believed(glider, plain, FlightCondition(35.0, 800.0), 100.0)
+    steps = StandardMultistep(signal="3211", control="da", amplitude_deg=3.0, step_s=0.6)
+    (whole,) = measure(believed, 5, inputs=(steps,), duration_s=8.0)
+    held = whole.between(3.2, 10.0)
+    assert begins_quietly(held)
+    assert cut(believed, {"whole": whole}).notes == ()
+    (note,) = cut(believed, {"held": held}).notes
+    assert note.startswith("'held' is not in trimmed flight as it begins (another start leaves 0.0")
+    (window,) = tuple(cut(believed, {"held": held}).records.values())
+    there = begin_freely(believed, {"held": window})
+    left = float(np.sum(there.residuals(window) ** 2))
+    assert left < chi2.isf(RARE, int(np.count_nonzero(there.taken(window))))
 
 
 def test_windows_of_an_unstable_aircraft_are_short(believed, flown):
