@@ -35,12 +35,12 @@ COEFFICIENTS = {"Lp": "Cl_p", "Lda": "Cl_da", "Lb": "Cl_beta", "Nb": "Cn_beta", 
 # What the first two records ask for beside an unknown motion, as multiples of what is printed, and the standard error:
 # what is left is far from white, and the motion that no coefficient explains is a tenth of what flies.
 MEASURED = {
-    "Lp": (1.16, 0.04),
+    "Lp": (1.15, 0.04),
     "Lda": (1.03, 0.03),
-    "Lb": (1.07, 0.03),
-    "Nb": (0.951, 0.006),
-    "Ndr": (0.90, 0.04),
-    "Nr": (0.45, 0.11),
+    "Lb": (1.05, 0.03),
+    "Nb": (0.952, 0.008),
+    "Ndr": (0.93, 0.03),
+    "Nr": (0.60, 0.13),
 }
 
 
@@ -102,7 +102,9 @@ def check_measured(found, factors):
 
 @pytest.mark.slow
 def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path):
-    """What was recorded are surfaces. As commands of servos of 12 rad/s they leave 50 times as much."""
+    """What was recorded are surfaces. As commands of servos of 12 rad/s they leave 14 times as much,
+
+    in units of noise that is estimated beside them."""
     data, aircraft = flight_data(), attas(tmp_path / "attas")
     paths = [control_path(aircraft, c) for c in ("da", "dr")]
     changes = [SetProperty(str(n), v) for p in paths for n, v in ((p.lag, 12.0), (p.rate_limit, 0.5))]
@@ -119,7 +121,7 @@ def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path
         left[what] = found.naming.chi2_tuned
         assert found.naming.outcome in ("unexplained", "partial")
     assert ["is not recorded" in p.why for p in found.paths] == [True, True]
-    assert left["command"] > 25.0 * left["surface"]
+    assert left["command"] > 10.0 * left["surface"]
     for printed, (factor, other) in MEASURED.items():
         value, error = found.naming.measured[COEFFICIENTS[printed]]
         assert abs(value - factor) < 2.0 * np.hypot(error, other), printed
