@@ -646,8 +646,10 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
         ("outside: wrong part with 0.9 or more",
          sum(bool(r["names"]) and r["part"] >= SURE and not part_is_right(c, r) for c, r in outside),
          len(outside), "<= 5 %"),
+        # A partial model is added to what is unexplained as a whole: the answer still says that the library lacks it.
         ("outside: unknown, or the right part",
-         sum(r["outcome"] == "unexplained" or part_is_right(c, r) for c, r in outside), len(outside), ">= 90 %"),
+         sum(r["outcome"] in ("unexplained", "partial") or part_is_right(c, r) for c, r in outside), len(outside),
+         ">= 90 %"),
         ("library form: right part with 0.9 or more",
          sum(part_is_right(c, r) and r["part"] >= SURE for c, r in library), len(library), ">= 70 %"),
         ("library form: right effect in the credible set", sum(effect_in_set(c, r) for c, r in library), len(library),
