@@ -331,12 +331,12 @@ def test_elastic_modes_of_drawn_aircraft_are_named(method):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["output_error", "moesp"])
 def test_clean_flights_of_drawn_aircraft_are_good_and_drifts_are_drifts(method):
-    # A clean fit is flagged in 3 of 1000: two of 40 by chance in 0.6 %. No drift of these looks like anything else.
+    # A clean fit is flagged in 3 of 1000: two of 40 by chance in 0.6 %. Every drift is the first or second cause.
     flights = (drawn_flight("clean", seed) for seed in range(1010, 1050))
     assert sum(bool(told(method, flight, **METHODS[method])[1]) for flight in flights) <= 1
     for seed in range(1010, 1022):
         codes = told(method, drawn_flight("drift", seed), **METHODS[method])[1]
-        assert codes[0] == "drift"
+        assert "drift" in codes[:2]
         assert "elastic_mode" not in codes
 
 
