@@ -57,22 +57,23 @@ NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what diffe
 class Believed:
     """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from.
 
-    ``whiten`` serves if turbulence
-    colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
-    white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
-    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. Records that say so (:mod:`starts`) were
-    flown from another condition or with another load: whatever is asked of a record is answered by :meth:`at`, whose
-    ``start`` that is. ``free_starts`` are those of the records that do not begin at trim, by their keys
-    (:func:`.windows.begin_freely`). ``surface_noise`` is that of the recorded surfaces that drive the model in place of
-    commands (:mod:`.drive`): control -> standard deviation. ``begins`` are the start parameters (k,), by the same keys
-    as ``free_starts``, that starts are sought from, in place of the origins; with ``begins_there`` flights begin there,
-    as differences between neighbours want it. ``over_time`` are effects that grow during the flight: (aircraft,
-    sensors, time after take-off) -> both; where a record does not say when it was flown, nothing has grown.
-    ``elsewhere`` are effects that move the condition: condition of a record -> the one that it was really flown from.
-    ``condition`` is moved by them already, by ``higher_m`` in height; the limits of the height go along. ``later`` are
-    effects with their values that begin in flight: they act in records that say so. ``surfaces`` are the controls whose
-    recorded surfaces are channels as all others are, as their commands drive the model. ``colour`` is the correlation
-    of the noise from sample to sample, by channel; 0 of those that it does not name: residuals are freed of it.
+    ``whiten`` serves if turbulence colours the residuals: it takes a record and residuals (n, outputs) in units of
+    the noise and returns as many, each white with variance one; it must be linear. ``gusts`` are those that single
+    records met: every other record is predicted in still air. ``simulator`` "jsbsim" flies nothing in batches.
+    Records that say so (:mod:`starts`) were flown from another condition or with another load: whatever is asked of
+    a record is answered by :meth:`at`, whose ``start`` that is. ``free_starts`` are those of the records that do
+    not begin at trim, by their keys (:func:`.windows.begin_freely`). ``off_trim`` are by how little those that
+    begin at trim may be off it, by :func:`.starts.record_key` (:func:`.windows.nearly_trimmed`). ``surface_noise``
+    is that of the recorded surfaces that drive the model in place of commands (:mod:`.drive`): control -> standard
+    deviation. ``begins`` are the start parameters (k,), by the same keys as ``free_starts``, that starts are sought
+    from, in place of the origins; with ``begins_there`` flights begin there, as differences between neighbours want
+    it. ``over_time`` are effects that grow during the flight: (aircraft, sensors, time after take-off) -> both;
+    where a record does not say when it was flown, nothing has grown. ``elsewhere`` are effects that move the
+    condition: condition of a record -> the one that it was really flown from. ``condition`` is moved by them
+    already, by ``higher_m`` in height; the limits of the height go along. ``later`` are effects with their values
+    that begin in flight: they act in records that say so. ``surfaces`` are the controls whose recorded surfaces are
+    channels as all others are, as their commands drive the model. ``colour`` is the correlation of the noise from
+    sample to sample, by channel; 0 of those that it does not name: residuals are freed of it.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -86,6 +87,7 @@ class Believed:
     gusts: tuple[MetGust, ...] = ()
     simulator: Simulator = "auto"
     free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
+    off_trim: Mapping[str, FreeStart] = field(default_factory=dict)
     start: Start | None = None
     surface_noise: Mapping[str, float] = field(default_factory=dict)
     begins: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -480,9 +482,13 @@ class Believed:
         return self.in_noise_units(record, left)
 
     def lost(self, record: FlightRecord) -> float:
-        """Return the degrees of freedom that the unknown start of a record takes; 0 if it begins at trim."""
-        free = self.free_start_of(record)
-        return 0.0 if free is None else self._directions(record, free).lost
+        """Return the degrees of freedom that the unknown start of a record takes."""
+        start = self._unknown_of(record)
+        return 0.0 if start is None else self._directions(record, start).lost
+
+    def _unknown_of(self, record: FlightRecord) -> FreeStart | None:
+        """Return what is unknown of the start of a record, be it how well it is trimmed."""
+        return self.free_start_of(record) or self.off_trim.get(record_key(record))
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
         """Return which samples (n, outputs) of a record were taken."""
@@ -493,8 +499,8 @@ class Believed:
 
         If the start of the record is unknown, what it would change is taken out (:mod:`.starts`).
         """
-        r, free = self.over_noise(record, difference), self.free_start_of(record)
-        return r if free is None else self._directions(record, free).taken_out(r)
+        r, start = self.over_noise(record, difference), self._unknown_of(record)
+        return r if start is None else self._directions(record, start).taken_out(r)
 
     def over_noise(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
         """Return the same, what a start would change left in."""

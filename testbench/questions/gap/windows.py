@@ -25,6 +25,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, RecordError, Refusal, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.inference.unknown import forced
 from testbench.questions.gap.believed import NEAR, Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import (
@@ -59,6 +60,10 @@ _FROM_TRIM = {  # prior standard deviations: of a state that is measured, by wha
     "theta": (2.0 * DEG_RAD, 5.0 * DEG_RAD),
     "h_m": (10.0, 10.0),
 }
+_OFF_TRIM = {  # the same of a record that begins at trim, so near that the start is taken out to first order
+    "V": 0.003, "u": 0.003, **dict.fromkeys(("w", "v", "alpha", "beta", "theta", "phi", "p", "q", "r"), 0.1 * DEG_RAD),
+}  # fmt: skip
+_ALONG_V = ("V", "u", "w", "v")  # velocities, whose deviations are shares of the airspeed
 _OFFSETS = {"de": 3.0 * DEG_RAD, "da": 3.0 * DEG_RAD, "dr": 3.0 * DEG_RAD, "thr": 0.2}
 _CHANNELS = {"V_m_s": "V", "h_m": "h"}
 _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
@@ -330,6 +335,30 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
     starts = _from_readings(plain, own, starts)
     starts |= _linearised(plain, own, starts)
     return replace(believed, free_starts={**believed.free_starts, **starts})
+
+
+def nearly_trimmed(believed: Believed, records: Iterable[FlightRecord]) -> Believed:
+    """Return the belief that records which begin at trim may be off it by what no pilot or autopilot sees.
+
+    A phugoid of a tenth of a degree, or the trim that wanders as a glider descends, is no gap. To first order, by the
+    believed aircraft about trim.
+    """
+    out = {}
+    for record in (r for r in records if not starts_freely(r)):
+        there = believed.at(record)
+        linear, outputs = there.linear, believed.outputs
+        stds = {n: s * (there.condition.V_m_s if n in _ALONG_V else 1.0) for n, s in _OFF_TRIM.items()}
+        names = tuple(n for n in linear.states if n in stds)
+        impulse = np.zeros((len(record), 1))
+        impulse[0] = 1.0 / record.dt_s  # the state is there from the next sample on
+        columns = []
+        for name in names:
+            push = stds[name] * (np.array(linear.states) == name)
+            columns.append(forced(linear, outputs, push, np.zeros(len(outputs)), impulse, record.dt_s)[:, :, 0])
+        zero = np.zeros(len(names))
+        std = np.array([stds[n] for n in names])
+        out[record_key(record)] = FreeStart(names, zero, std, zero, np.stack(columns, axis=-1))
+    return replace(believed, off_trim=out)
 
 
 def begin_from(believed: Believed, whole: FlightRecord, part: FlightRecord, share: float) -> Believed:

@@ -34,7 +34,7 @@ from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive, Windows
 from testbench.questions.gap.search.point import Point, retune
 from testbench.questions.gap.starts import called
-from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows
+from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows, nearly_trimmed
 
 SHOWN = 3  # records of which it is shown over time what the model lacks: those with the largest residuals
 PLACES, NEAR = 3, 20  # where effects come nearest if they begin there, and effects that are sought to: by first order
@@ -124,6 +124,7 @@ def find_gap(
             records=_smoothed(given.believed, air, given.records),
             held_out=_smoothed(given.believed, air, given.held_out),
         )
+        given = given.nearly_trimmed()
         sought = given.sought(how)
         if how.search_file is not None:
             all_flown = [*given.records.values(), *given.held_out.values()]
@@ -191,6 +192,11 @@ class _Given:
             noise = find_noise(stated, list(records.values()), how.noise)
             believed = noise.corrects(stated)
         return cls(stated, believed, records, held_out, cut.whole, noise, paths, cut.notes)
+
+    def nearly_trimmed(self) -> _Given:
+        """Return them with what is not known of those that begin at trim."""
+        stated = nearly_trimmed(self.stated, [*self.records.values(), *self.held_out.values()])
+        return replace(self, stated=stated, believed=replace(self.believed, off_trim=stated.off_trim))
 
     def sought(self, how: GapSearch) -> Sought:
         """Return what is weighed as an explanation."""

@@ -34,7 +34,7 @@ from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep, Sweep
 from testbench.effects import EFFECTS, library
-from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
+from testbench.flight import FlightCondition, Manoeuvre, Start, fly, load_aircraft, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.believed import Believed
@@ -50,7 +50,7 @@ from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.scenario import windows_of
 from testbench.questions.gap.search.point import Point, fly_together
 from testbench.questions.gap.starts import FreeStart
-from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest
+from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest, nearly_trimmed
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RARE = 1e-4
@@ -435,3 +435,16 @@ def test_real_records_that_were_wrong_or_refused_are_cut_and_fly(tmp_path):
     (window, *_) = found.records.values()
     left = window["q"] - window["q"].mean() - (began.predict(window)[:, 1] - began.predict(window)[:, 1].mean())
     assert np.std(left) < 0.25 * np.std(window["q"])
+
+
+def test_a_record_that_begins_nearly_at_trim_is_no_gap(believed):
+    """The start lies off trim by one prior standard deviation in two states: their price is left, and hardly more."""
+    trimmed = trim(believed.aircraft, believed.condition, believed.rate_hz)
+    u = build((ELEVATOR.model_copy(update={"start_s": 1.0}),), 9.0, believed.suite.rate_hz)
+    step = round(believed.rate_hz / believed.suite.rate_hz)
+    fine = InputSignal(np.arange(len(u.t_s) * step) / believed.rate_hz, np.repeat(u.u, step, axis=0), u.channels)
+    off = Start(V_m_s=0.003 * believed.condition.V_m_s, theta=0.1 * DEG_RAD)
+    flown = fly(believed.aircraft, trimmed, Manoeuvre("off trim", fine, 0.0), believed.suite.rate_hz, start=off)
+    record = replace(believed.suite.without_errors().measure(flown, 1), kind="measured")
+    left = [float(np.sum(b.residuals(record) ** 2)) for b in (believed, nearly_trimmed(believed, [record]))]
+    assert left[1] < 4.0 < 0.05 * left[0]
