@@ -487,8 +487,12 @@ class Believed:
         return 0.0 if start is None else self._directions(record, start).lost
 
     def _unknown_of(self, record: FlightRecord) -> FreeStart | None:
-        """Return what is unknown of the start of a record, be it how well it is trimmed."""
-        return self.free_start_of(record) or self.off_trim.get(record_key(record))
+        """Return what is unknown of the start of a record, be it how well it is trimmed.
+
+        A filter in turbulence takes the latter out by itself.
+        """
+        known = self.off_trim if self.whiten is None else {}
+        return self.free_start_of(record) or known.get(record_key(record))
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
         """Return which samples (n, outputs) of a record were taken."""

@@ -194,9 +194,8 @@ class _Given:
         return cls(stated, believed, records, held_out, cut.whole, noise, paths, cut.notes)
 
     def nearly_trimmed(self) -> _Given:
-        """Return them with what is not known of those that begin at trim."""
-        stated = nearly_trimmed(self.stated, [*self.records.values(), *self.held_out.values()])
-        return replace(self, stated=stated, believed=replace(self.believed, off_trim=stated.off_trim))
+        """Return them with what is not known of those that begin at trim; noise is found without."""
+        return replace(self, believed=nearly_trimmed(self.believed, [*self.records.values(), *self.held_out.values()]))
 
     def sought(self, how: GapSearch) -> Sought:
         """Return what is weighed as an explanation."""
@@ -255,7 +254,7 @@ class _Asked:
         if noise is not None and near is not None:  # what was missing may have been taken for noise
             beside_it = find_noise(given.stated, list(given.records.values()), self.source, near.added_to(given.stated))
             if noise.differs(beside_it):
-                noise, believed = beside_it, beside_it.corrects(given.stated)
+                noise, believed = beside_it, replace(beside_it.corrects(given.stated), off_trim=believed.off_trim)
                 found = self._found(believed, noise, alone, found)
         weighed = found.naming.weighed
         if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights

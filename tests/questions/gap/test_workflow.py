@@ -101,7 +101,7 @@ def test_noise_that_is_a_third_more_than_stated_moves_neither_the_name_nor_its_p
         assert abs(scale - 1.3) < 4.0 * error < 0.2  # false alarm 6e-5 a channel
     assert "times the stated noise" in finding.noise.sentence
     weighed = finding.naming.weighed
-    assert weighed["alpha_scale"] > 0.99
+    assert weighed["alpha_scale"] > 0.98  # as it is with the noise as stated, the start of the one record being free
     value, error = weighed.table["alpha_scale"].posterior["alpha_scale.scale"]
     assert abs(value - 1.10) < 4.0 * error
     assert finding.verdict.probability > 0.99
