@@ -18,7 +18,7 @@ from testbench import __version__  # noqa: E402
 
 _MISSING = [n for n in ("furo", "latex2mathml", "myst_parser") if importlib.util.find_spec(n) is None]
 if _MISSING:
-    raise ConfigError(f"the site needs {', '.join(_MISSING)}, not installed; pip install 'flight-testbench[docs]'")
+    raise ConfigError(f"the site needs {', '.join(_MISSING)}, not installed; pip install '.[docs]'")
 
 project = "flight-testbench"
 author = "the flight-testbench developers"

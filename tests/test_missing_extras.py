@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 from commands import ends
 
-from testbench.core.errors import MissingPackage, TestbenchError
+from testbench.core import errors
+from testbench.core.errors import MissingPackage, TestbenchError, missing
 from testbench.core.record import FlightRecord
 from testbench.envs import register
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def hint(extra):
+    """Return how an extra is installed where these tests lie."""
+    return f"pip install '{'.' if Path.cwd() == ROOT else ROOT}[{extra}]'"
 
 
 @pytest.fixture
@@ -29,6 +35,25 @@ def absent(monkeypatch):
     return hide
 
 
+@pytest.mark.parametrize(
+    ("url", "place"),
+    [(None, "flight-testbench"), ("https://host/x.whl", "flight-testbench"), ("file://{}/a%20clone", "{}/a clone")],
+)
+def test_the_index_is_named_to_those_alone_who_installed_from_it(monkeypatch, tmp_path, url, place):
+    class Installed:
+        def read_text(self, name):
+            return None if url is None else f'{{"url": "{url.format(tmp_path)}", "dir_info": {{}}}}'
+
+    (tmp_path / "a clone").mkdir()
+    (tmp_path / "a clone" / "pyproject.toml").touch()
+    monkeypatch.setattr(errors, "__file__", str(tmp_path / "site-packages" / "testbench" / "core" / "errors.py"))
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: Installed())
+    assert missing("this needs that", "geometry").endswith(f"; pip install '{place.format(tmp_path)}[geometry]'")
+    monkeypatch.chdir(tmp_path / "a clone")
+    here = "." if url and url.startswith("file") else place
+    assert missing("this needs that", "geometry").endswith(f"; pip install '{here}[geometry]'")
+
+
 @pytest.mark.parametrize(("package", "extra", "name", "content"), [("pyarrow", "parquet", "flight.parquet", b"PAR1")])
 def test_a_log_that_needs_an_extra_names_it(absent, monkeypatch, capsys, tmp_path, package, extra, name, content):
     (tmp_path / name).write_bytes(content)
@@ -37,7 +62,7 @@ def test_a_log_that_needs_an_extra_names_it(absent, monkeypatch, capsys, tmp_pat
     assert status == 2
     assert len(said) == 1
     assert said[0].startswith(f"error: '{tmp_path / name}' cannot be read: ")
-    assert said[0].endswith(f"need {package}, which is not installed; pip install 'flight-testbench[{extra}]'")
+    assert said[0].endswith(f"need {package}, which is not installed; {hint(extra)}")
 
 
 @pytest.mark.parametrize(("to", "package"), [("parquet", "pyarrow"), ("mcap", "mcap")])
@@ -48,7 +73,7 @@ def test_a_format_out_names_its_extra(absent, monkeypatch, capsys, tmp_path, to,
     absent(package)
     status, said = ends(monkeypatch, capsys, "export", file, "--to", to)
     assert (status, len(said)) == (2, 1)
-    assert f"pip install 'flight-testbench[{to}]'" in said[0]
+    assert hint(to) in said[0]
     assert ends(monkeypatch, capsys, "export", file, "--to", "csv") == (0, [])
 
 
@@ -59,7 +84,7 @@ def test_a_campaign_on_a_scheduler_names_its_extra_before_it_writes(absent, monk
         words = (verb, "taurus_scatter", "--scheduler", "x")
         status, said = ends(monkeypatch, capsys, "campaign", *words, "-o", tmp_path / "out")
         assert (status, len(said)) == (3, 1)
-        assert "pip install 'flight-testbench[campaign]'" in said[0]
+        assert hint("campaign") in said[0]
     assert not (tmp_path / "out").exists()
 
 
@@ -71,7 +96,7 @@ def test_agents_and_baselines_name_their_extra(absent, monkeypatch, capsys, modu
     for known in ("testbench.envs.train", "testbench.envs.baselines", "testbench.envs.excitation"):
         monkeypatch.delitem(sys.modules, known, raising=False)
     monkeypatch.setattr(sys, "argv", [name])
-    law = rf"^error: [^\n]+ not installed; pip install 'flight-testbench\[{extra}\]'$"
+    law = rf"^error: [^\n]+ not installed; {re.escape(hint(extra))}$"
     with pytest.raises(SystemExit, match=law):
         runpy.run_module(name, run_name="__main__")
     monkeypatch.setattr(sys, "argv", [name, "--help"])
@@ -85,18 +110,18 @@ def test_an_aircraft_from_its_geometry_names_its_extra(absent, monkeypatch, caps
     plan = ROOT / "aircraft_models" / "taurus" / "geometry.toml"
     status, said = ends(monkeypatch, capsys, "aircraft", "new", plan, "-o", tmp_path / "mine")
     assert (status, len(said)) == (2, 1)
-    assert said[0].endswith("needs aerosandbox, which is not installed; pip install 'flight-testbench[geometry]'")
+    assert said[0].endswith(f"needs aerosandbox, which is not installed; {hint('geometry')}")
     assert not (tmp_path / "mine").exists()
 
 
 def test_the_environments_name_their_extra(absent, monkeypatch):
     absent("gymnasium")
     monkeypatch.delitem(sys.modules, "testbench.envs.excitation", raising=False)
-    with pytest.raises(MissingPackage, match=re.escape("pip install 'flight-testbench[envs]'")) as found:
+    with pytest.raises(MissingPackage, match=re.escape(hint("envs"))) as found:
         register()
     assert isinstance(found.value, ImportError)
     assert isinstance(found.value, TestbenchError)
-    with pytest.raises(MissingPackage, match=re.escape("pip install 'flight-testbench[envs]'")):
+    with pytest.raises(MissingPackage, match=re.escape(hint("envs"))):
         import testbench.envs.excitation  # noqa: F401
 
 

@@ -6,7 +6,9 @@ them into one message and an exit status: 2 for bad input, 3 for a computation t
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -186,6 +188,29 @@ class DatasetError(Refusal):
 
 class MissingPackage(Refusal, ImportError):
     """An optional package is not installed; the message names the extra that brings it."""
+
+
+def missing(what: str, extra: str) -> str:
+    """Return the message that a package is not installed, with the command that installs the extra.
+
+    It names the folder that the testbench lies in or was installed from, which pip has recorded (PEP 610); without one
+    it came from an index, and its name does.
+
+    Args:
+        what: that needs a package: "Parquet files need pyarrow".
+        extra: that brings it.
+    """
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import unquote, urlsplit
+
+    name = "flight-testbench"
+    try:
+        url = str(json.loads(distribution(name).read_text("direct_url.json") or "{}").get("url", ""))
+    except (PackageNotFoundError, ValueError):
+        url = ""
+    folders = (Path(__file__).parents[2], Path(unquote(urlsplit(url).path or "/")))
+    place = next(("." if f == Path.cwd() else str(f) for f in folders if (f / "pyproject.toml").is_file()), name)
+    return f"{what}, which is not installed; pip install {shlex.quote(f'{place}[{extra}]')}"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

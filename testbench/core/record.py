@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
 from testbench.core.door import memory_of, opened, require_room
-from testbench.core.errors import RecordError, Refusal, located
+from testbench.core.errors import RecordError, Refusal, located, missing
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
 Outcome = Literal["completed", "aborted"]
 FloatArray = NDArray[np.float64]
-NEEDS_MCAP = "recordings in MCAP need mcap, which is not installed; pip install 'flight-testbench[mcap]'"
-NEEDS_PYARROW = "Parquet files need pyarrow, which is not installed; pip install 'flight-testbench[parquet]'"
+NEEDS_MCAP = ("recordings in MCAP need mcap", "mcap")
+"""What needs a package, and the extra that brings it, for :func:`testbench.core.errors.missing`."""
+NEEDS_PYARROW = ("Parquet files need pyarrow", "parquet")
 _MASK = "_valid"
 _TIME = {"units": "s", "long_name": "time"}
 
@@ -324,7 +325,7 @@ class FlightRecord:
             import pyarrow as pa
             import pyarrow.parquet as pq
         except ImportError as error:
-            raise RecordError(NEEDS_PYARROW) from error
+            raise RecordError(missing(*NEEDS_PYARROW)) from error
         fields = [pa.field("t", pa.float64(), metadata={"unit": "s"})]
         fields += [pa.field(name, pa.float64(), metadata={"unit": channel(name).unit}) for name in self.channels]
         columns = [pa.array(self.t_s)]
@@ -346,7 +347,7 @@ class FlightRecord:
         try:
             from mcap.writer import Writer
         except ImportError as error:
-            raise RecordError(NEEDS_MCAP) from error
+            raise RecordError(missing(*NEEDS_MCAP)) from error
 
         def fill(part: Path) -> None:
             """Write the messages in the order of their times."""

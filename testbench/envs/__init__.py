@@ -13,7 +13,7 @@ Needs the extra ``envs`` (``rl`` to train agents, too). Nothing is registered, a
 
 from __future__ import annotations
 
-from testbench.core.errors import MissingPackage
+from testbench.core.errors import MissingPackage, missing
 
 ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
 VECTOR_ENTRY_POINT = "testbench.envs.vector:make"
@@ -21,7 +21,7 @@ DEFAULT = "testbench/ExcitationDesign-v0"
 AIRCRAFT = ("eolo", "taurus", "b1")
 ACTIONS = ("continuous", "discrete")
 
-NEEDS_GYMNASIUM = "environments need gymnasium, which is not installed; pip install 'flight-testbench[envs]'"
+NEEDS_GYMNASIUM = ("environments need gymnasium", "envs")
 
 __all__ = ["ACTIONS", "AIRCRAFT", "DEFAULT", "environment_names", "register"]
 
@@ -45,7 +45,7 @@ def register() -> tuple[str, ...]:
     try:
         import gymnasium
     except ImportError as error:
-        raise MissingPackage(NEEDS_GYMNASIUM) from error
+        raise MissingPackage(missing(*NEEDS_GYMNASIUM)) from error
 
     names = environment_names()
     for name, arguments in names.items():

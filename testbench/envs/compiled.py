@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from testbench.core.errors import MissingPackage
+from testbench.core.errors import MissingPackage, missing
 
 try:
     import numba
 except ImportError as error:
-    needed = "environments need numba, which is not installed; pip install 'flight-testbench[envs]'"
-    raise MissingPackage(needed) from error
+    raise MissingPackage(missing("environments need numba", "envs")) from error
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.errors import MissingPackage
+from testbench.core.errors import MissingPackage, missing
 from testbench.envs import NEEDS_GYMNASIUM
 
 try:
     import gymnasium
 except ImportError as error:
-    raise MissingPackage(NEEDS_GYMNASIUM) from error
+    raise MissingPackage(missing(*NEEDS_GYMNASIUM)) from error
 
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.door import checked, open_file
-from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError
+from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError, missing
 from testbench.core.files import parsed, reason_of
 from testbench.core.record import FloatArray
 from testbench.core.store import ResultFolder, write_beside
@@ -30,7 +30,7 @@ from testbench.core.store import ResultFolder, write_beside
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
 
-NEEDS_RL = "trained agents need stable-baselines3, which is not installed; pip install 'flight-testbench[rl]'"
+NEEDS_RL = ("trained agents need stable-baselines3", "rl")
 TRUST = "load the whole agent, which runs code of its file: only of one that you trained yourself"
 """What it means to trust an agent's file."""
 _COPIES = 8
@@ -73,7 +73,7 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import DummyVecEnv
     except ImportError as error:
-        raise MissingPackage(NEEDS_RL) from error
+        raise MissingPackage(missing(*NEEDS_RL)) from error
     from testbench.envs.excitation import ExcitationDesign
 
     place = ResultFolder(out.parent, adds=True)  # before hours of work
@@ -127,7 +127,7 @@ def agent_actions(
         import torch
         from stable_baselines3 import PPO
     except ImportError as error:
-        raise MissingPackage(NEEDS_RL) from error
+        raise MissingPackage(missing(*NEEDS_RL)) from error
     from testbench.envs.excitation import ExcitationDesign
 
     if trust:

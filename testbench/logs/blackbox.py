@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.door import read_bytes, require_room
-from testbench.core.errors import MissingPackage, RecordError
+from testbench.core.errors import MissingPackage, RecordError, missing
 from testbench.core.files import parsed
 from testbench.core.record import FloatArray
 from testbench.logs.signals import MIN_SAMPLES
@@ -73,8 +73,7 @@ def read_blackbox(path: Path, part: str | None = None) -> Flight:
         import orangebox  # noqa: F401
     except ImportError as error:
         raise MissingPackage(
-            "the blackbox of Betaflight and iNav needs orangebox, which is not installed; pip install "
-            f"'flight-testbench[logs]', or {_BY_HAND}"
+            f"{missing('the blackbox of Betaflight and iNav needs orangebox', 'logs')}, or {_BY_HAND}"
         ) from error
     content = read_bytes(path, "log")
     starts = [found.start() for found in re.finditer(re.escape(MAGIC), content)]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.door import read_bytes
-from testbench.core.errors import MissingPackage, RecordError
+from testbench.core.errors import MissingPackage, RecordError, missing
 from testbench.core.record import FloatArray
 from testbench.logs import ardupilot, px4
 from testbench.logs.rates import too_slow
@@ -38,7 +38,7 @@ from testbench.logs.signals import (
     scaled,
 )
 
-NEEDS_PYMAVLINK = "MAVLink needs pymavlink, which is not installed; pip install 'flight-testbench[logs]'"
+NEEDS_PYMAVLINK = ("MAVLink needs pymavlink", "logs")
 _ONE, _CENTI, _MILLI_G = scaled(1.0), scaled(0.01), scaled(1e-3 * G0_M_S2)
 _AIRSPEED = "true airspeed is the airspeed shown, which is indicated: right at sea level, 5 % too low at 1000 m"
 _VANE = "the vane measures the flow at the centre of gravity"
@@ -114,7 +114,7 @@ def dialect() -> Any:
     try:
         from pymavlink.dialects.v20 import ardupilotmega
     except ImportError as error:
-        raise MissingPackage(NEEDS_PYMAVLINK) from error
+        raise MissingPackage(missing(*NEEDS_PYMAVLINK)) from error
     return ardupilotmega
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from testbench.core.door import open_file
-from testbench.core.errors import MissingPackage, RecordError
+from testbench.core.errors import MissingPackage, RecordError, missing
 from testbench.core.files import parsed
 from testbench.logs import px4
 from testbench.logs.tables import Table
@@ -160,7 +160,7 @@ def _reading(encoding: str, schema: Any) -> tuple[Callable[[bytes], Any], Mappin
 
 
 def _missing(package: str) -> MissingPackage:
-    return MissingPackage(f"recordings need {package}, which is not installed; pip install 'flight-testbench[logs]'")
+    return MissingPackage(missing(f"recordings need {package}", "logs"))
 
 
 def _stamp(numbers: dict[str, float], head: str) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.door import NUMBER, memory_of, open_file, opened, require_room
-from testbench.core.errors import RecordError, given, nearest
+from testbench.core.errors import RecordError, given, missing, nearest
 from testbench.core.files import parsed
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -200,7 +200,7 @@ def _read_parquet(path: Path) -> Table:
         import pyarrow.compute as pc
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise RecordError(f"'{path}' cannot be read: {NEEDS_PYARROW}") from error
+        raise RecordError(f"'{path}' cannot be read: {missing(*NEEDS_PYARROW)}") from error
     with parsed(path, "a complete Parquet file"):
         file = pq.ParquetFile(path)
         width = sum(NUMBER if pa.types.is_primitive(kind) else _TEXT for kind in file.schema_arrow.types)

@@ -45,14 +45,11 @@ import numpy as np
 from testbench.aircraft.geometry.lattice import FLAP, Lattice, body, cuts, moved_by, share, sidewash
 from testbench.aircraft.geometry.shape import Airfoil, LiftingSurface, Moved, Plane
 from testbench.core.constants import COEFFICIENTS, DEG_RAD, G0_M_S2
-from testbench.core.errors import MissingPackage, ModelError
+from testbench.core.errors import MissingPackage, ModelError, missing
 from testbench.core.record import FloatArray
 
 _LINEAR = ("CL", "CY", "Cl", "Cm", "Cn")
 STATES = ("alpha", "beta", "p", "q", "r")
-NEEDS = (
-    "an aircraft from its geometry needs aerosandbox, which is not installed; pip install 'flight-testbench[geometry]'"
-)
 # Steps of differences. Those of angles span the flight about the trim: lift of a small wing is no straight line
 # (bubbles of laminar flow), and the model's is to fit there. Rates are nondimensional.
 _STEPS = {"alpha": 3.0 * DEG_RAD, "beta": 3.0 * DEG_RAD, "p": 0.05, "q": 0.005, "r": 0.05}
@@ -100,7 +97,7 @@ def aerosandbox() -> Any:
     try:
         import aerosandbox as asb
     except ImportError as error:
-        raise MissingPackage(NEEDS) from error
+        raise MissingPackage(missing("an aircraft from its geometry needs aerosandbox", "geometry")) from error
     return asb
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import AIRCRAFT_KEYS, varied
-from testbench.core.errors import LimitError, MissingPackage
+from testbench.core.errors import LimitError, MissingPackage, missing
 from testbench.core.named import Named, obtain
 from testbench.core.record import FloatArray
 from testbench.flight.batch.alone import Alone, alone
@@ -80,7 +80,7 @@ def as_jax(
         >>> try:
         ...     import jax
         ... except ImportError:
-        ...     found = "pip install 'flight-testbench[jax]'"
+        ...     found = "pip install '.[jax]'"
         ... else:
         ...     jax.config.update("jax_enable_x64", True)
         ...     plane = tb.as_jax("taurus")
@@ -91,7 +91,7 @@ def as_jax(
     try:
         import jax
     except ImportError as error:
-        raise MissingPackage("an aircraft in JAX needs jax; pip install 'flight-testbench[jax]'") from error
+        raise MissingPackage(missing("an aircraft in JAX needs jax", "jax")) from error
     if not jax.config.read("jax_enable_x64"):
         raise LimitError(
             "JAX must compute with 64 bits, as heights are differences of 6.4e6 m, got 32; "

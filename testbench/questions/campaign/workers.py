@@ -14,7 +14,7 @@ from multiprocessing import connection
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.errors import CampaignError
+from testbench.core.errors import CampaignError, missing
 from testbench.core.processes import Child, answer_to
 
 if TYPE_CHECKING:
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 
 Task = Callable[["Job", Sequence[int]], "list[Outcome]"]
-_EXTRA = (
-    "a --scheduler needs dask.distributed, which is not installed; leave it out to fly on this machine, or install it "
-    "with: pip install 'flight-testbench[campaign]'"
-)
 _CONNECT_S = 15.0
 
 
@@ -262,7 +258,9 @@ def remote_workers(address: str, task: Task, job: Job) -> Iterator[Workers]:
         from distributed import Client
         from distributed.comm import parse_address, parse_host_port
     except ImportError as error:
-        raise CampaignError(_EXTRA) from error
+        raise CampaignError(
+            f"{missing('a --scheduler needs dask.distributed', 'campaign')}, or leave it out to fly on this machine"
+        ) from error
 
     with dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}), _quiet():
         try:

@@ -22,7 +22,7 @@ from testbench.core import bring
 from testbench.core.advice import Advised, as_json, from_json, ranked
 from testbench.core.channels import channel
 from testbench.core.door import read_json
-from testbench.core.errors import RecordError, located
+from testbench.core.errors import RecordError, located, missing
 from testbench.core.escape import one_line, xml_attribute, xml_comment
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
 from testbench.core.paths import not_found
@@ -158,7 +158,7 @@ def _write_parquet(model: Matrices, path: Path) -> Path:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise RecordError(NEEDS_PYARROW) from error
+        raise RecordError(missing(*NEEDS_PYARROW)) from error
     columns = list(zip(*_entries(model), strict=True))
     table = pa.table([pa.array(column) for column in columns], names=["matrix", "row", "column", "value"])
     buffer = pa.BufferOutputStream()

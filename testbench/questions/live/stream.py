@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from testbench.core.door import read_text
-from testbench.core.errors import MissingPackage, RecordError
+from testbench.core.errors import MissingPackage, RecordError, missing
 from testbench.core.store import OWN
 from testbench.logs.mavlink import NEEDS_PYMAVLINK, values_of
 from testbench.logs.signals import Mapped, find_channels
@@ -26,7 +26,7 @@ RECORDING = "stream.jsonl"
 """Name of the samples of a session in its folder: a line each, in the order of arrival."""
 _POLL_S = 0.2  # how often a file is looked at, and a port that is gone
 _BACK_S = 2.0  # a clock since boot that falls by more has begun anew: messages overtake one another by less
-_NEEDS_PYSERIAL = "serial ports need pyserial, which is not installed; pip install 'flight-testbench[logs]'"
+_NEEDS_PYSERIAL = ("serial ports need pyserial", "logs")
 _SHARE = 5.0  # times as long as reading a file took, it is left alone: a file that grows is read whole
 _PWM_MID_US, _PWM_HALF_US = 1500.0, 500.0
 
@@ -203,7 +203,7 @@ def mavlink(
     try:
         from pymavlink import mavutil
     except ImportError as error:
-        raise MissingPackage(NEEDS_PYMAVLINK) from error
+        raise MissingPackage(missing(*NEEDS_PYMAVLINK)) from error
 
     def opened() -> Any:
         return mavutil.mavlink_connection(address, baud=baud, dialect="ardupilotmega")
@@ -211,7 +211,7 @@ def mavlink(
     try:
         link = opened()
     except ImportError as error:
-        raise MissingPackage(_NEEDS_PYSERIAL) from error
+        raise MissingPackage(missing(*_NEEDS_PYSERIAL)) from error
     except (OSError, ValueError) as error:  # pyserial's of a baud rate is the latter
         said = getattr(error, "strerror", None) or error
         raise RecordError(f"port '{address}' cannot be opened: {said}; close what has it, or give another") from error

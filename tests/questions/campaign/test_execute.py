@@ -314,7 +314,7 @@ def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch)
 
 def test_only_a_scheduler_needs_dask(short, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(CampaignError, match=re.escape("pip install 'flight-testbench[campaign]'")):
+    with pytest.raises(CampaignError, match=r"; pip install '[^']+\[campaign\]', or leave it out"):
         fly_campaign(short(), tmp_path / "s", workers="tcp://127.0.0.1:9")
     assert not (tmp_path / "s").exists()
     assert fly_campaign(short("runs = 2"), tmp_path / "s", workers=1).counts.done == 2
