@@ -97,6 +97,7 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 def scenarios_page() -> str:
     """Return every key of every kind of scenario, from the schema that checks them."""
     from testbench.questions.files import WITH_FILES, file_classes
+    from testbench.sensors.suite import any_entry, kind_rows
 
     commands = {question.kind: f": `testbench {question.command}`" for question in WITH_FILES}
     out = [
@@ -124,6 +125,14 @@ def scenarios_page() -> str:
             schema = model.model_json_schema()
             own = schema.get("properties") or schema["$defs"][model.__name__]["properties"]  # of one that holds itself
             out += [_row(name, field, own[name]) for name, field in model.model_fields.items()]
+            if model is any_entry():
+                out += [
+                    "",
+                    "A `kind` says what a real instrument feels; without one it reads its channel as it is.",
+                    "",
+                ]
+                out += ["| kind | channels | keys that only it has | what it is |", "|---|---|---|---|"]
+                out += [f"| `{name}` | {reads} | {keys} | {words} |" for name, reads, keys, words in kind_rows()]
     return "\n".join(out) + "\n"
 
 

@@ -128,11 +128,11 @@ def file_classes() -> dict[str, type[Strict]]:
     from testbench.estimators.equations import Equations
     from testbench.logs.catalogue import Writer
     from testbench.pooling.prior import PriorFile
-    from testbench.sensors.suite import SensorEntry, SuiteFile
+    from testbench.sensors.suite import SuiteFile, any_entry
 
     brought: dict[str, type[Strict]] = {
         "suite": SuiteFile,
-        "sensor of a suite": SensorEntry,
+        "sensor of a suite": any_entry(),
         "aircraft": AircraftFile,
         "geometry": GeometryFile,
     }
@@ -375,13 +375,15 @@ def inputs() -> Rows:
 
 
 def sensors() -> Rows:
-    """Return the packaged sensor suites."""
+    """Return the packaged sensor suites, and the kinds of instruments with the keys that only each of them has."""
     from testbench.sensors import load_suite
+    from testbench.sensors.suite import kind_rows
 
     suites = {n: load_suite(n) for n in (*suite_names(), *installed("suites"))}
     return [
-        ("suite", "rate", "channels", "what it is"),
+        ("suite or kind", "rate", "channels", "what it is"),
         *((n, f"{s.rate_hz:g} Hz", ", ".join(s.channels), s.title) for n, s in suites.items()),
+        *((n, "kind", reads, f"{words} Keys: {keys}" if keys else words) for n, reads, keys, words in kind_rows()),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -245,7 +246,10 @@ class SuiteFile(Strict):
     title: Text
     rate_hz: Positive
     recorder: dict[str, _Recorder] = {}
-    sensor: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, strict=False)]
+    sensor: Annotated[
+        tuple[dict[str, Any], ...],
+        Field(min_length=1, strict=False, json_schema_extra=lambda s: s.update(items=any_entry().model_json_schema())),
+    ]
 
 
 class SensorEntry(Strict):
@@ -387,6 +391,33 @@ def _schema(name: str) -> type[SensorEntry]:
         key: (Annotated[hints[f.name], Field(strict=False)], f.default) for f, key, _ in _figures(kind)
     }
     return create_model(f"{kind.__name__}Entry", __base__=SensorEntry, **extra)
+
+
+@cache
+def any_entry() -> type[SensorEntry]:
+    """Return the schema of a ``[[sensor]]`` with the keys of all kinds, for editors and the reference."""
+    kinds = {name: set(_schema(name).model_fields) - set(SensorEntry.model_fields) for name in KINDS}
+    extra: dict[str, Any] = {
+        key: (field.annotation, field)
+        for name, own in kinds.items()
+        for key, field in _schema(name).model_fields.items()
+        if key in own
+    }
+    kind = (str | None, Field(None, json_schema_extra={"enum": [*KINDS]}))
+    return create_model("SensorEntry", __base__=SensorEntry, __doc__=SensorEntry.__doc__, kind=kind, **extra)
+
+
+def kind_rows() -> list[tuple[str, str, str, str]]:
+    """Return name, channels, own keys and words of every kind of sensor."""
+    return [
+        (
+            name,
+            kind.READS.replace("|", ", ").replace(r"\d+", "1, ..."),
+            ", ".join(key for _, key, _ in _figures(kind)),
+            (sys.modules[kind.__module__].__doc__ or "").partition("\n")[0],
+        )
+        for name, kind in KINDS.items()
+    ]
 
 
 def _read_sensor(

@@ -68,6 +68,29 @@ def test_compass_deviation() -> None:
     np.testing.assert_allclose(got, psi + error, atol=1e-13)
 
 
+def turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Return the matrix of Euler angles, from the axes that are turned to the new ones."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+    about_x = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
+    about_y = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    about_z = np.array([[cy, sy, 0], [-sy, cy, 0], [0, 0, 1]])
+    return about_x @ about_y @ about_z
+
+
+def test_an_attitude_unit_that_is_turned_shows_the_angles_of_its_own_axes() -> None:
+    rng, mounting = np.random.default_rng(5), (0.02, -0.03, 0.3)
+    x = {"phi": rng.uniform(-3.1, 3.1, 200), "theta": rng.uniform(-1.5, 1.5, 200)}
+    seen = [turn(*mounting) @ turn(phi, theta, 0.7) for phi, theta in zip(x["phi"], x["theta"], strict=True)]
+    phi, theta = (measured(KINDS["attitude"](channel=name, mounting=mounting), x) for name in ("phi", "theta"))
+    np.testing.assert_allclose(theta, [-np.arcsin(R[0, 2]) for R in seen], atol=1e-12)
+    np.testing.assert_allclose(phi, [np.arctan2(R[1, 2], R[2, 2]) for R in seen], atol=1e-12)
+    straight = KINDS["attitude"](channel="theta")
+    assert straight.needs == ("theta",)
+    np.testing.assert_array_equal(measured(straight, {"theta": x["theta"]}), x["theta"])
+    with pytest.raises(ScenarioError, match=r"mounting_deg: roll, pitch and yaw below 0\.5 rad"):
+        KINDS["attitude"](channel="phi", mounting=(0.0, 0.6, 0.0))
+
+
 def test_static_port_in_the_flow_shifts_altitude_and_airspeed() -> None:
     x = moving()
     h = measured(KINDS["barometer"](channel="h", static_cp=-0.05), x)
@@ -168,6 +191,7 @@ def test_weights_are_the_derivatives_of_what_is_felt(name: str) -> None:
         "rate_gyro": {"channel": "q", "cross_axis": (0.01, 0.0, 0.02)},
         "accelerometer": {"channel": "az", "position_m": (0.3, 0.1, -0.2), "cross_axis": (0.02, 0.0, 0.0)},
         "magnetic_heading": {"channel": "psi", "deviation": (0.05, 0.02, 0.01, 0.0)},
+        "attitude": {"channel": "theta", "mounting": (0.02, -0.05, 0.1)},
         "barometer": {"channel": "h", "static_cp": -0.04},
         "pitot": {
             "channel": "V",

@@ -3,6 +3,7 @@
 Kinds, recorders, drift, price and mass in suite files, there and back.
 """
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.core.paths import suite_names
+from testbench.core.paths import SUITES, suite_names
+from testbench.questions.files import json_schemas
 from testbench.sensors import KINDS, load_suite, noise_std, suite_table, suite_toml
+from testbench.sensors.suite import kind_rows
 
 HEAD = 'title = "t"\nrate_hz = 100.0\n'
 
@@ -229,3 +232,17 @@ def test_every_fault_of_a_kind_is_reported_with_the_nearest_name(tmp_path: Path)
         text[5],
     ]
     assert text[5].startswith("sensor[4].upwash: unknown key 'upwash'")
+
+
+def test_editors_know_the_keys_of_every_kind() -> None:
+    """What a schema refuses is refused in a file too, and the other way round."""
+    known = json_schemas()["suite"]["properties"]["sensor"]["items"]
+    assert known["additionalProperties"] is False
+    assert known["properties"]["kind"]["enum"] == [*KINDS]
+    for name, _, keys, words in kind_rows():
+        assert words.endswith(".")
+        assert {key for key in keys.split(", ") if key} <= set(known["properties"])
+        assert {"flow_vane": "upwash", "attitude": "mounting_deg", "gps": ""}.get(name, keys) == keys
+    for suite in suite_names():
+        tables = tomllib.loads((SUITES / f"{suite}.toml").read_text(encoding="utf-8"))["sensor"]
+        assert {key for table in tables for key in table} <= set(known["properties"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from testbench.sensors.kinds.accelerometer import Accelerometer
+from testbench.sensors.kinds.attitude import Attitude
 from testbench.sensors.kinds.barometer import Barometer
 from testbench.sensors.kinds.command_log import CommandLog
 from testbench.sensors.kinds.flow_vane import FlowVane
@@ -22,6 +23,7 @@ KINDS: dict[str, type[Sensor]] = {
     for kind in (
         RateGyro,
         Accelerometer,
+        Attitude,
         MagneticHeading,
         Barometer,
         Pitot,
