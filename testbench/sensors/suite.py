@@ -403,8 +403,8 @@ def any_entry() -> type[SensorEntry]:
         for key, field in _schema(name).model_fields.items()
         if key in own
     }
-    kind = (str | None, Field(None, json_schema_extra={"enum": [*KINDS]}))
-    return create_model("SensorEntry", __base__=SensorEntry, __doc__=SensorEntry.__doc__, kind=kind, **extra)
+    extra["kind"] = (str | None, Field(None, json_schema_extra={"enum": [*KINDS]}))
+    return create_model("SensorEntry", __base__=SensorEntry, __doc__=SensorEntry.__doc__, **extra)
 
 
 def kind_rows() -> list[tuple[str, str, str, str]]:
