@@ -519,6 +519,7 @@ READS_ITSELF = {
     "questions/reproduce/page.py": "a picture in memory",
     "estimators/cells.py": "the null device",
     "questions/campaign/flying.py": "a record that it has just written",
+    "core/errors.py": "what pip says of this installation",
     "questions/campaign/workers.py": "a scheduler, no file",
 }
 _READERS = re.compile(
