@@ -24,6 +24,7 @@ from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.core.store import ResultFolder
+from testbench.inference.changes import Watch
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.blackbox import MAGIC as BLACKBOX
 from testbench.logs.dataflash import HEAD, read_dataflash
@@ -89,7 +90,8 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
 
     ``channels`` are those of ``record``, in its order, ``noise`` is theirs, ``delays`` those that are told;
     ``stretches`` say what kind of flight each part of it is; ``balance`` says what became of every other signal;
-    ``questions`` are implausible values; ``cutting`` says where manoeuvres were cut out.
+    ``questions`` are implausible values; ``cutting`` says where manoeuvres were cut out; ``watch`` holds what
+    changed in flight, if it was asked.
     """
 
     log: Log
@@ -104,6 +106,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
     questions: tuple[Question, ...]
     description: Path | None = None
     cutting: Cutting = _ANYWHERE
+    watch: Watch | None = None
 
     @cached_property
     def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -154,7 +157,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
         if not slow:
             return ""
         rate = float(f"{min(c.rate_hz for c in self.channels if c.name in slow):.2g}")
-        other = self._at(rate)
+        other = self.at_rate(rate)
         if any(_proposal(other, own)[1] is not None for own in other.members.values()):
             return f"; at its own rate it can be identified: testbench import LOG --rate {rate:g} -o FOLDER"
         whys = [why_not(r, controls_of(r)) for own in other._groups.values() for _, r in own.values()]
@@ -162,7 +165,7 @@ class Imported(Shown, page="testbench.questions.importing.page:import_page"):
         why = next(filter(None, whys), "no control moves")
         return f"; --rate {rate:g} takes all of {'it' if len(slow) == 1 else 'them'}, but does not help: {why}"
 
-    def _at(self, rate_hz: float) -> Imported:
+    def at_rate(self, rate_hz: float) -> Imported:
         """Return what the same log gives at another rate."""
         record = resample(self.channels, rate_hz, self.record.provenance, CONTROLS, _COMMANDS)
         noise, search, stretches = _flown(record, self.log, self.cutting)

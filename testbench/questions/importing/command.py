@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import StrictOption, refuse, with_figures
+from testbench.questions.options import StrictOption, UsageError, refuse, with_figures
 
 _NOT_TO_DESCRIBE = (
     "out", "rate", "throw", "unit", "axes", "lead", "tail", "cut", "record", "imu", "airspeed", "gps", "baro", "ekf",
-    "strict",
+    "strict", "changes", "beginning", "nominal",
 )  # fmt: skip
 
 
@@ -74,6 +74,17 @@ def command(
     gps: Annotated[int | None, _sensor("receiver")] = None,
     baro: Annotated[int | None, _sensor("barometer")] = None,
     ekf: Annotated[int | None, _sensor("lane of the filter")] = None,
+    changes: Annotated[
+        bool, typer.Option("--changes", help="Say whether something has changed in flight, when and in which part.")
+    ] = False,
+    beginning: Annotated[
+        float, typer.Option(min=1.0, max=36000.0, help="With --changes: flight that is nominal at the beginning, s.")
+    ] = 60.0,
+    nominal: Annotated[
+        list[Path] | None,
+        typer.Option(help="With --changes: another log of the aircraft, in which nothing changed; may be repeated.",
+                     show_default=False),
+    ] = None,
     strict: StrictOption = False,
 ) -> None:  # fmt: skip
     """Show the contents of a flight log, and with -o cut its manoeuvres into records ready for `testbench identify`.
@@ -92,18 +103,27 @@ def command(
         print(f"Written: {path}; fill it in, then: testbench import {what}")
         return
     from contextlib import nullcontext
+    from dataclasses import replace
 
     from testbench.core.store import PAGE, ResultFolder
     from testbench.logs.manoeuvres import Cutting
     from testbench.logs.sidpac import Told
     from testbench.questions.importing.ask import import_log, parse_cuts, parse_throws, parse_units, write_import
+    from testbench.questions.importing.changes import watch_log
     from testbench.questions.importing.page import print_import
 
+    if nominal and not changes:
+        raise UsageError("--nominal tells --changes what to compare with: give both")
     with stages() as say, nullcontext() if out is None else ResultFolder(out) as place:
         say("read the log")
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
         told, cutting = Told(axes, parse_units(unit or []), record), Cutting(lead, tail, parse_cuts(cut or []))
-        found = import_log(log, rate, parse_throws(throw or []), sensors, told, cutting, strict)
+        throws = parse_throws(throw or [])
+        found = import_log(log, rate, throws, sensors, told, cutting, strict)
+        if changes:
+            say("look for changes")
+            others = [import_log(path, rate, throws, sensors, told) for path in nominal or []]
+            found = replace(found, watch=watch_log(found, others, beginning))
         paths = [] if place is None else [*write_import(found, place), place.path / PAGE]
     print_import(found, console(), paths)

@@ -23,6 +23,7 @@ from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
 from testbench.questions.importing.ask import NOT_FLOWN, WHOLE, WINDOW_S
 from testbench.questions.importing.balance import balance_rows
+from testbench.questions.importing.changes import change_lines
 from testbench.questions.importing.recipe import WITHOUT_STRUCTURE
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
             f"logged at up to {number(fastest)} Hz and filtered to {number(imported.rate_hz)} Hz; --rate chooses"
         )
     out += imported.unusable
+    out += change_lines(imported.watch) if imported.watch is not None else []
     doubts = [*(f"damage or loss: {text}" for text in (*log.warnings, *_outages(imported))), *_lost(imported)]
     doubts += imported.asked
     return [("lead", out[0]), *(("finding", text) for text in (*out[1:], *imported.balance.sensors)),

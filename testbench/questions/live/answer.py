@@ -49,6 +49,8 @@ def called(call: Call) -> str:
         return f"limit: {call.channel} is {sized(call.channel, call.value)}, beyond {sized(call.channel, call.other)}"
     if call.kind == "stop":
         return f"stop: {_EXPLAINED[call.words].format(of=call.channel, value=call.value)}{_likely(call.other)}"
+    if call.kind == "change":
+        return f"stop: {call.words}"
     if call.kind == "instrument":
         if call.words == "frozen":
             return f"stop: {call.channel} stands still at {sized(call.channel, call.value)}: check its instrument"
@@ -98,7 +100,7 @@ def link_lines(rates: Mapping[str, Rate], told: Mapping[str, str], radio: bool) 
 
 def live_answer(session: Session) -> Answer:
     """Return what the flight told, in sentences."""
-    stops = [c for c in session.calls if c.kind in ("stop", "instrument", "limit")]
+    stops = [c for c in session.calls if c.kind in ("stop", "instrument", "change", "limit")]
     found = [(plane, session.latest(plane)) for plane in ("longitudinal", "lateral")]
     some = [(plane, [e for e in estimates if e.wanted]) for plane, estimates in found if estimates]
     out = []

@@ -14,9 +14,12 @@ from testbench.aircraft.adapter import SURFACES
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import RecordError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.inference.changes import FASTEST_HZ as FASTEST_CHANGES_HZ
+from testbench.inference.changes import SURE, Watch
 from testbench.inference.multiple_models import Weighed
 from testbench.page.shown import Shown
 from testbench.questions.identify.derivatives import servos_of
+from testbench.questions.importing.changes import change_sentence
 from testbench.questions.live.belief import CONTROLS, DRAWS, Believed
 from testbench.questions.live.clock import FASTEST_HZ, Clock, Rate
 from testbench.questions.live.course import Course, Outlook
@@ -46,7 +49,7 @@ class Call:
     """What is called out."""
 
     t_s: float  #: when, on the clock of the source
-    kind: str  #: "limit", "stop", "instrument", "enough", "run" or "next"
+    kind: str  #: "limit", "stop", "instrument", "change", "enough", "run" or "next"
     channel: str = ""  #: that it is of; "" if of none
     #: value, other: what was found, and what it is set against
     value: float = 0.0
@@ -64,6 +67,7 @@ class Update:
     weighed: Mapping[str, tuple[Weighed, ...]]
     calls: tuple[Call, ...]
     outlook: Outlook | None = None
+    changed: float | None = None  #: probability that something is changed now; None if nobody asked
 
     def line(self) -> str:
         """Return it as a line of JSON; the same samples give the same line."""
@@ -83,6 +87,7 @@ class Session(Shown, page="testbench.questions.live.page:live_page"):
     calls: list[Call] = field(default_factory=list)  #: all that was called out
     course: Course | None = None  #: what is known for each card; None without a plan
     outlook: Outlook | None = None  #: what to fly from now on; None before the first run
+    beginning_s: float | None = None  #: flight at the beginning that changes are sought from; None if they are not
     flown: dict[int, int] = field(default_factory=dict)  #: card -> its good runs
     notes: list[str] = field(default_factory=list)  #: in sentences
     #: V_m_s, h_m: condition that the derivatives are given at, however the speed has changed
@@ -194,6 +199,18 @@ class _Follower:
         self.counted: set[tuple[int, float]] = set()
         session.course = self.course = None if self.plan is None else Course(self.plan, wanted)
         self.ahead, self.named = False, ("", "")
+        self.watch, self.passed, self.different = self._watching(), 0, ("", "")
+
+    def _watching(self) -> Watch | None:
+        """Return what changes are watched for with, on every so many samples of the clock."""
+        self.stride = int(np.ceil(self.rate_hz / FASTEST_CHANGES_HZ - 1e-6))
+        if self.session.beginning_s is None:
+            return None
+        try:
+            return Watch(self.names, self.stride / self.rate_hz, self.session.beginning_s)
+        except RecordError as error:
+            self.session.notes.append(f"no changes are watched for: {error}")
+            return None
 
     def update(self) -> Update | None:
         block = self.clock.block(self.names)
@@ -204,6 +221,8 @@ class _Follower:
         V = self.clock.mean("V", LISTEN_S, self.aircraft.design_V_m_s)
         self.flies = _SLOW * low <= V <= high / _SLOW  # on the ground nothing is believed, nor out of limits
         calls = [*self._limits(block, t_s), *self._instruments(block, t_s)] if self.flies else []
+        changed, found = self._changes(block, t_s)
+        calls += found
         self._believe(block)
         self._draw()
         self.blocks.append(block)
@@ -233,7 +252,31 @@ class _Follower:
                 if what != self.named:
                     calls.append(Call(t_s, "next", what[0], outlook.left_s, outlook.printed_s, what[1]))
                 self.named = what
-        return Update(t_s, tuple(active), estimates, weighed, tuple(calls), outlook)
+        return Update(t_s, tuple(active), estimates, weighed, tuple(calls), outlook, changed)
+
+    def _changes(self, block: FlightRecord, t_s: float) -> tuple[float | None, list[Call]]:
+        """Return the probability that something is changed now, and what is called out: once, and again if renamed."""
+        if self.watch is None:
+            return None, []
+        rows = (self.passed + np.arange(len(block))) % self.stride == 0
+        self.passed += len(block)
+        valid = block.valid[rows] & self.flies
+        try:
+            self.watch.take(FlightRecord(block.t_s[rows], block.channels, block.data[rows], "measured", valid))
+        except RecordError as error:
+            self.session.notes.append(f"no changes are watched for: {error}")
+            self.watch = None
+            return None, []
+        changed = 1.0 - float(self.watch.now[0])
+        if changed < 0.5:
+            self.different = ("", "")
+        if changed < SURE:
+            return changed, []
+        what = self.watch.found(smoothed=False)[-1]
+        if (what.kind, what.part) == self.different:
+            return changed, []
+        self.different = what.kind, what.part
+        return changed, [Call(t_s, "change", what.part, what.factor, changed, change_sentence(what))]
 
     def _learn(self, plane: Plane) -> None:
         """Let the course of the plan know what a plane tells now."""

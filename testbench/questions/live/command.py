@@ -53,6 +53,12 @@ def command(
         str | None,
         typer.Option(help="Serve a page at an address of this machine, as 192.168.1.10:8701.", show_default=False),
     ] = None,
+    changes: Annotated[
+        bool, typer.Option("--changes", help="Watch for what changes in flight, from its own beginning on.")
+    ] = False,
+    beginning: Annotated[
+        float, typer.Option(min=1.0, max=36000.0, help="With --changes: flight that is nominal at the beginning, s.")
+    ] = 60.0,
     bell: Annotated[bool, typer.Option("--bell", help="Ring the bell of the terminal at every stop.")] = False,
     out: OutOption = Path("results"),
 ) -> None:  # fmt: skip
@@ -94,7 +100,7 @@ def command(
             kept = files.enter_context(beside.live(onboard.name).open("wb"))
         throws = {**full, **parse_throws(throw or [])}
         opened = open_source(source, throws, _servos(servo or []), speed, replay, idle, kept)
-        session = Session(opened.name.replace(":", "_"), flown, made)
+        session = Session(opened.name.replace(":", "_"), flown, made, beginning_s=beginning if changes else None)
         place = files.enter_context(ResultFolder(folder_in(out, f"live_{session.source}")))
         screen = _View(session, opened.radio, bell, shown, address)
         with place.live(RECORDING).open("w", encoding="utf-8") as file:
@@ -184,7 +190,7 @@ class _View:
                 self.page.show(now)
             if self.live is not None:
                 self.live.update(glance_table(now), refresh=True)
-        if self.bell and any(c.kind in ("stop", "instrument") for c in update.calls):
+        if self.bell and any(c.kind in ("stop", "instrument", "change") for c in update.calls):
             self.screen.bell()
         if self.quiet:
             return

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _STOP_S, _SAID_S = 20.0, 8.0
 """How long a stop stands, and what else was called."""
-_WORDS = {"stop": "STOP", "instrument": "STOP", "limit": "LIMIT", "enough": "YOU HAVE IT"}
+_WORDS = {"stop": "STOP", "instrument": "STOP", "change": "STOP", "limit": "LIMIT", "enough": "YOU HAVE IT"}
 _CALLS = 5
 _SCRIPT = Path(__file__).resolve().parent / "glance.js"
 
