@@ -19,7 +19,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
 ARGS ?=
 STUDIES = advice-study anybody-test autopilot-log-study believed-study benchmarks blind-test campaign-cost clearance-study coloured-errors-study corpus-study \
   course-study dataset-study design-study env-study estimator-study filter-error-study gap-in-batches global-study live-study log-input-study loop-study mutants new-users \
-  pages-held promise-study reliability same-bytes sequential-study static-margin-study stock surroundings third-party
+  pages-held promise-study public-faults reliability same-bytes sequential-study static-margin-study stock surroundings third-party
 
 .PHONY: demo quick lint test test-slow fuzz docs clean reproduction $(STUDIES)
 
@@ -86,6 +86,10 @@ benchmarks: $(VENV)/installed-dev
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/stock_aircraft.py
+
+# Faults in flight that other people flew, from a folder of clones: make public-faults ARGS=FOLDER; some minutes.
+public-faults: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/public_faults.py $(ARGS)
 
 # Aircraft of other people, from a folder of repositories OWNER+NAME: make third-party ARGS=FOLDER; minutes each.
 third-party: $(VENV)/installed-dev
