@@ -289,6 +289,8 @@ class Simulated(Fitted, Settings):
         output_biases: outputs with a constant of their own in every record.
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
+        late_std_s: input -> standard deviation of how late, or early, it may act against the time that is logged;
+            estimated in every record, with this prior about zero.
         max_iterations: Gauss-Newton steps per round.
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
     """
@@ -297,6 +299,7 @@ class Simulated(Fitted, Settings):
     output_biases: Names = ()
     output_trends: Names = ()
     input_biases: Names = ()
+    late_std_s: dict[str, Positive] = {}
     max_iterations: Count = 50
     substeps: Count = 1
 
@@ -306,8 +309,6 @@ class OutputError(Simulated):
 
     Attributes:
         noise: "diagonal" or "full" covariance of the residuals.
-        late_std_s: input -> standard deviation of how late, or early, it may act against the time that is logged;
-            estimated in every record, with this prior about zero.
         starts: how many start points; the best end wins. The structure's own values and those of equation error come
             first, the better at the head; others scatter by half of the values, or over finite bounds. If not given:
             one, and if its fit looks bad others (filter error's too) until two have ended at the least cost.
@@ -316,7 +317,6 @@ class OutputError(Simulated):
 
     method: Literal["output_error"] = "output_error"
     noise: Literal["diagonal", "full"] = "diagonal"
-    late_std_s: dict[str, Positive] = {}
     starts: Count | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 

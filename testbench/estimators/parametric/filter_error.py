@@ -46,7 +46,14 @@ from testbench.estimators.parametric.kalman.forms import (
     with_gust,
 )
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
-from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, check_nuisances
+from testbench.estimators.parametric.likelihood import (
+    Driven,
+    Layout,
+    Likelihood,
+    check_nuisances,
+    delays_found,
+    lateness,
+)
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points
@@ -126,6 +133,7 @@ def estimate(
             "output_biases": list(settings.output_biases),
             "output_trends": list(settings.output_trends),
             "input_biases": list(settings.input_biases),
+            "late_std_s": dict(settings.late_std_s),
         },
         method="filter_error",
         dt_s=records[0].dt_s,
@@ -134,6 +142,7 @@ def estimate(
         covariance=layout.embedded(corrected, params.size),
         covariance_plain=layout.embedded(white, params.size),
         noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
+        delays_s=delays_found(structure.inputs, driven.delays_s, diagnostics),
         biased=settings.output_biases,
         trended=settings.output_trends,
         biased_inputs=settings.input_biases,
@@ -327,6 +336,7 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
         ],
         "offsets": [n.offsets for n in nuisances],
         "input_biases": [n.biases for n in nuisances],
+        **lateness(own, base.structure.inputs, nuisances, a.corrected),
         "process_noise": {
             states[i]: (float(np.sqrt(share) * Q[i, i] ** 0.5), float(np.sqrt(share) * Q_std[i])) for i in noisy
         },

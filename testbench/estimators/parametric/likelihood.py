@@ -147,14 +147,32 @@ class Driven(NamedTuple):
         )
 
 
+def lateness(
+    layout: Layout, inputs: Sequence[str], nuisances: Sequence[Nuisances], covariance: FloatArray
+) -> dict[str, list[dict[str, float]]]:
+    """Return how late the inputs act in each record, s, and its standard errors, of the covariance of all unknowns."""
+    names, std = [inputs[j] for j in layout.late], np.sqrt(np.diag(covariance))
+    ends = [layout.nuisances(i).stop for i in range(len(nuisances))]
+    errors = [std[end - len(names) : end] for end in ends]
+    return {
+        "lateness_s": [dict(zip(names, n.late_s.tolist(), strict=True)) for n in nuisances],
+        "lateness_std_s": [dict(zip(names, e.tolist(), strict=True)) for e in errors],
+    }
+
+
+def delays_found(inputs: Sequence[str], delays_s: FloatArray, found: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return the delays (m,) of inputs with how late they are found to act, on average over records."""
+    more = [float(np.mean([late.get(name, 0.0) for late in found["lateness_s"]])) for name in inputs]
+    return tuple((delays_s + more).tolist())
+
+
 def check_nuisances(structure: ModelStructure, settings: Simulated) -> None:
     """Check that the inputs and outputs that settings name are a structure's.
 
     Raises:
         EstimationError: with the name that is not.
     """
-    late = settings.late_std_s if isinstance(settings, OutputError) else {}
-    for name in (*settings.input_biases, *late):
+    for name in (*settings.input_biases, *settings.late_std_s):
         if name not in structure.inputs:
             raise EstimationError(
                 f"an input bias or lateness belongs to an input ({', '.join(structure.inputs)}), got '{name}'"
@@ -239,7 +257,7 @@ class Likelihood:
         cls, records: Sequence[FlightRecord], structure: ModelStructure, driven: Driven, settings: Simulated
     ) -> Likelihood:
         """Return that of records driven so, and of what the settings leave to be estimated."""
-        late = settings.late_std_s if isinstance(settings, OutputError) else {}
+        late = settings.late_std_s
         layout = Layout(
             np.flatnonzero(structure.free),
             settings.initial_states == "free",
@@ -314,11 +332,9 @@ class Likelihood:
         found = responses(self.structure, values, chosen, inputs, self.sampling, starts, layout.biased_inputs)
         for i, (s, n, r) in enumerate(zip(self.stretches, own, found, strict=True)):
             moved_on = []
-            for j in range(len(layout.late)):
-                step = _LATE_STEP * self.sampling.dt_s * np.eye(len(layout.late))[j]
-                moved = self.driven(s.u, n._replace(late_s=n.late_s + step))
+            for moved, step in self.acting_later(s.u, n):
                 y = respond(self.structure, values, [], moved, self.sampling, starts[i]).y
-                moved_on.append((y - r.y)[:, :, None] / step[j])
+                moved_on.append((y - r.y)[:, :, None] / step)
             residual = np.where(s.valid, s.y - r.y - s.offsets @ n.offsets, 0.0)
             J = -np.concatenate([r.dparams, r.dx0[:, :, : layout.initial], s.offsets, r.dbias, *moved_on], axis=2)
             J[~s.valid] = 0.0
@@ -333,6 +349,12 @@ class Likelihood:
         late_s = np.zeros(u.shape[1])
         late_s[list(self.layout.late)] = own.late_s
         return later(u, self.sampling.dt_s, late_s)
+
+    def acting_later(self, u: FloatArray, own: Nuisances) -> Iterator[tuple[FloatArray, float]]:
+        """Yield the inputs (N, m) with each input that may be late a little later, and by how much, s."""
+        step = _LATE_STEP * self.sampling.dt_s
+        for one in np.eye(len(self.layout.late)):
+            yield self.driven(u, own._replace(late_s=own.late_s + step * one)), step
 
     def problem(self, params: FloatArray, R: FloatArray) -> Problem:
         """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function."""

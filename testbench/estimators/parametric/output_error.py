@@ -25,7 +25,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, advice_in_words, correlations, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Rounds, minimise
-from testbench.estimators.parametric.likelihood import Driven, Likelihood, check_nuisances
+from testbench.estimators.parametric.likelihood import Driven, Likelihood, check_nuisances, delays_found, lateness
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.servo import none_shows
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
@@ -239,10 +239,8 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         np.arange(likelihood.unknowns) >= f,
     )
     white, corrected = found_accuracy.plain[:f, :f], found_accuracy.corrected[:f, :f]
-    deviation, late = np.sqrt(np.diag(white)), [likelihood.structure.inputs[j] for j in layout.late]
+    deviation = np.sqrt(np.diag(white))
     nuisances = [layout.split(point, i) for i in range(len(stretches))]
-    errors, ends = np.sqrt(np.diag(found_accuracy.corrected)), [layout.nuisances(i).stop for i in range(len(stretches))]
-    late_errors = [errors[end - len(late) : end] for end in ends]
     diagnostics = {
         "cost": found.likelihood,
         "rounds": found.rounds,
@@ -258,8 +256,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         "initial_states": [layout.begin(n.initial, s.x0) for n, s in zip(nuisances, stretches, strict=True)],
         "offsets": [n.offsets for n in nuisances],
         "input_biases": [n.biases for n in nuisances],
-        "lateness_s": [dict(zip(late, n.late_s.tolist(), strict=True)) for n in nuisances],
-        "lateness_std_s": [dict(zip(late, error.tolist(), strict=True)) for error in late_errors],
+        **lateness(layout, likelihood.structure.inputs, nuisances, found_accuracy.corrected),
     }
     return diagnostics, white, corrected, R
 
@@ -288,10 +285,7 @@ def _model(likelihood: Likelihood, found: _Found, settings: OutputError, driven:
         covariance=layout.embedded(corrected, found.params.size),
         covariance_plain=layout.embedded(white, found.params.size),
         noise_covariance=R,
-        delays_s=tuple(
-            delay + float(np.mean([late.get(name, 0.0) for late in diagnostics["lateness_s"]]))
-            for name, delay in zip(structure.inputs, driven.delays_s.tolist(), strict=True)
-        ),
+        delays_s=delays_found(structure.inputs, driven.delays_s, diagnostics),
         biased=settings.output_biases,
         trended=settings.output_trends,
         biased_inputs=settings.input_biases,

@@ -15,7 +15,7 @@ from testbench.estimators.parametric import filter_error, output_error
 from testbench.estimators.parametric.kalman.forms import _Gust, chi_bar_square, with_gust
 from testbench.estimators.parametric.kalman.innovations import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
-from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Driven, Layout, Likelihood, stretch
 from testbench.estimators.parametric.response import Sampling
 from testbench.estimators.parametric.structure import STEP
 from testbench.estimators.parametric.structures import roll_yaw_rates
@@ -114,6 +114,37 @@ def test_kc_stays_below_one_however_strong_the_process_noise():
         eigenvalues = np.linalg.eigvals(K[0].real)
         assert np.all(eigenvalues.real <= 1.0 + 1e-12)
         assert np.all(eigenvalues.real >= 0.0)
+
+
+def test_an_input_that_acts_late_is_found_in_turbulence():
+    late_s, plain = 0.08, flight(4)
+    diagonal = {"process_noise_model": "diagonal", "against_none": False}
+    t, u = plain.t_s, plain["de"]
+    early = plain.with_columns({"de": np.interp(t + late_s, t, u)})  # logged before it acts
+    found = filter_error.estimate([early], structure(), FilterError(late_std_s={"de": 0.1}, **diagonal))
+    (time,), (error,) = (found.diagnostics[key] for key in ("lateness_s", "lateness_std_s"))
+    assert abs(time["de"] - late_s) < 4.0 * error["de"] < late_s  # by chance 6e-5
+    assert found.delays_s == (time["de"],)
+    for name in FREE:  # as above, 3e-4 for all four
+        assert abs(found.values[name] - TRUE[name]) < 4.0 * found.standard_errors[name], name
+
+
+def test_derivatives_by_lateness_agree_with_differences_of_two_inputs():
+    s = roll_yaw_rates()
+    rng, n = np.random.default_rng(7), 120
+    data = np.column_stack([0.05 * np.sin(np.arange(n)[:, None] * [0.1, 0.17, 0.2]), rng.normal(0.0, 0.02, (n, 2))])
+    record = FlightRecord(DT * np.arange(n), ("da", "dr", "beta", "p", "r"), data, "measured")
+    given = FilterError(late_std_s={"da": 0.02, "dr": 0.02}, input_biases=("dr",))
+    base = Likelihood.over([record], s, Driven(np.zeros(len(s.inputs)), np.zeros(len(s.inputs), bool)), given)
+    like, R = FilterLikelihood(base, [0, 1], np.zeros(2)), np.array([1e-4, 1e-4])
+    point = like.start(s.values + 0.1)
+    point[[like.names().index(f"lateness of {name}") for name in ("da", "dr")]] = 0.005  # between two samples
+    (part,) = like.evaluate(point, R)
+    for name in ("bias of dr", "lateness of da", "lateness of dr"):
+        j, step = like.names().index(name), np.zeros(point.size)
+        step[j] = 0.05 * DT  # over which the estimator takes lateness; the filter is linear in a bias
+        (ahead,) = like.evaluate(point + step, R)
+        np.testing.assert_allclose(part.dv.values[:, :, j], (ahead.v - part.v) / step[j], rtol=1e-6, atol=1e-9)
 
 
 def test_derivatives_of_the_innovations_agree_with_differences():

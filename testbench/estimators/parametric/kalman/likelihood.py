@@ -9,6 +9,7 @@ The search for the maximum of the filter-error likelihood: Gauss-Newton steps in
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from testbench.estimators.parametric.gauss_newton import (
     Problem,
     Rounds,
     Sensitivities,
+    believed_alone,
     in_blocks,
     minimise,
     reduced,
@@ -189,22 +191,33 @@ class FilterLikelihood:
         own, n = rows[:, mine], layout.initial
         x0 = np.concatenate([own[:, :n], np.tile(s.x0[n:].astype(complex), (len(rows), 1))], axis=1)
         shift = np.zeros((len(rows), s.u.shape[1]), complex)
-        shift[:, list(layout.biased_inputs)] = own[:, n + layout.offsets :]
+        late = n + layout.offsets + len(layout.biased_inputs)  # where lateness begins
+        shift[:, list(layout.biased_inputs)] = own[:, n + layout.offsets : late]
+        timed = layout.split(point, i)
+        timed = timed._replace(biases=np.zeros_like(timed.biases))
         y = s.y[:, None] - np.einsum("kpb,rb->krp", s.offsets, own[:, n : n + layout.offsets])
-        v, x = innovations(base.structure, Rows(params, x0, shift, K), s.u, y, s.valid, base.sampling)
+        along = Rows(params, x0, shift, K)
+        v, x = innovations(base.structure, along, base.driven(s.u, timed), y, s.valid, base.sampling)
         dv = v[:, :-1].imag.transpose(0, 2, 1) / STEP
+        nominal = Rows(*(part[-1:] for part in along))
+        for j, (moved, step) in enumerate(base.acting_later(s.u, timed)):
+            there = innovations(base.structure, nominal, moved, y[:, -1:], s.valid, base.sampling).v
+            dv[:, :, f + late + j] = (there[:, -1] - v[:, -1]).real / step
         return Part(v[:, -1].real, Sensitivities(dv, active), x[:, -1].real, Gain(gain.K[-1].real, gain.S[-1].real))
 
     def problem(self, R: FloatArray) -> Problem:
         """Return innovations and Jacobian, weighted by the variances R (p,), with priors, as a function."""
         weight, prior_weight = 1.0 / np.sqrt(R), self.prior_weight
-        centre, believed = self.start(self.base.structure.values), np.flatnonzero(prior_weight > 0.0)
-        prior, columns = np.diag(prior_weight[believed]), np.append(believed, self.unknowns)
         alone = np.append(self.alone, False)  # the innovations, last, meet in all records
+        centre = self.start(self.base.structure.values)
+        believed = np.flatnonzero((prior_weight > 0.0) & ~self.alone)
+        prior, columns = np.diag(prior_weight[believed]), np.append(believed, self.unknowns)
 
         def parts(point: FloatArray) -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
             for part in self.evaluate(point, R):
-                yield in_blocks(part.v, part.dv, np.diag(weight)), np.append(part.dv.columns, self.unknowns)
+                own = believed_alone(part.dv.columns, prior_weight, alone, point)
+                rows = chain(in_blocks(part.v, part.dv, np.diag(weight)), own)
+                yield rows, np.append(part.dv.columns, self.unknowns)
             yield [np.column_stack([prior, (prior_weight * (point - centre))[believed]])], columns
 
         return reduced(parts, alone)
