@@ -136,10 +136,14 @@ class Agreement:
         return dict(sorted(total.items(), key=lambda item: -item[1]))
 
     @property
-    def gusts_felt(self) -> bool:
-        """Whether flow angles or airspeed show gusts, larger than the noise of one sample."""
+    def gusts_felt(self) -> bool | None:
+        """Whether flow angles or airspeed show gusts, larger than the noise of one sample; None if nothing read does.
+
+        An airspeed alone shows those along the path.
+        """
         read = [c for c in ("alpha", "beta", "V") if c in self.left]
-        return bool(self.gusty) or any(self.left[c][1] > self.left[c][0] for c in read)
+        felt = bool(self.gusty) or any(self.left[c][1] > self.left[c][0] for c in read)
+        return felt or (False if {"alpha", "beta"} & set(read) else None)
 
     @property
     def contradicted(self) -> bool:

@@ -105,23 +105,26 @@ def mended(
     model: ParametricModel,
     records: Sequence[FlightRecord],
     fit: Callable[[Any], ParametricModel],
-    gusts: bool,
+    gusts: bool | None,
 ) -> tuple[Any, ParametricModel, tuple[Tried, ...], tuple[Rival, ...]]:
     """Try cures of a fit; return settings and model of the best, what was tried, and what may be right in its place.
 
-    A lag is tried where the residuals are not noise, where an input acts late, where nobody says when it acts
-    (``late_std_s``), and behind a command without a servo: the fit may look as good. Gusts explain whatever moves
-    the aircraft, a wrong model too: they come after what does not depend on chance, beside it, and only where
-    kinematics show them and what is left does not go with the inputs.
+    The model has its causes. A lag is tried where the residuals are not noise, where an input acts late, where nobody
+    says when it acts (``late_std_s`` of more than a sample), and behind a command without a servo: the fit may look as
+    good. Gusts explain whatever moves the aircraft, a wrong model too: they come after what does not depend on chance,
+    beside it, and only where kinematics show them or cannot (``gusts`` is None) and what is left does not go with the
+    inputs. They are tried of residuals that look white, too: light gusts are slow, and hide in noise of their size.
     """
     samples = sum(int(r.select(model.outputs).valid.sum()) for r in records)
     best: tuple[Any, ParametricModel] = entry, model
     bare = [n for n in model.inputs if n.endswith("_cmd") and n not in {"thr_cmd", *entry.servo, *entry.delays_s}]
-    if not (wanting(model) or _late(model) or entry.late_std_s or bare):
+    unsaid = any(s > model.dt_s for s in entry.late_std_s.values())
+    late, still = wanting(model) or _late(model) or unsaid or bool(bare), gusts is False
+    if still and not late:
         return *best, (), ()
     base = evidence(model, samples)
     ways = [_Way("nothing", 0.0, entry, model)]
-    for name, other in _deterministic(entry, model):
+    for name, other in _deterministic(entry, model) if late else ():
         way = _tried(fit, name, other, base, samples)
         if not any(abs(way.gain - known.gain) < _SAME for known in ways[1:]):
             ways.append(way)
@@ -130,27 +133,29 @@ def mended(
     assert taken.model is not None
     best, base = (taken.entry, taken.model), base + taken.gain
     seen = lags if wanting(model) or _late(model) or taken is not ways[0] else []
-    named = set() if not gusts else {c["code"] for c in with_causes(best[1], records).diagnostics.get("causes", ())}
-    if not gusts or not wanting(best[1]) or named & BY_INPUT:
+    told = best[1] if still or taken is ways[0] else with_causes(best[1], records)
+    if still or BY_INPUT & {c["code"] for c in told.diagnostics.get("causes", ())}:
         return *best, _told(seen, taken), _rivals(taken, ways)
     gusty = []
-    before = [taken, *(way for way in lags if way is not taken and way.settled)]
+    white = not wanting(best[1])
+    before = [taken, *(way for way in lags if way is not taken and way.settled and not white)]
     for way in before:
         assert way.model is not None
         name, given = "gusts" if way is taken else f"gusts and {way.name}", way.entry
-        # The settings of filter error that stand for these of output error, inputs as late as they were found.
+        # The settings of filter error that stand for these of output error.
         own = {key: value for key, value in given if key in FilterErrorEntry.model_fields and key != "method"}
-        delays_s = zip(way.model.inputs, way.model.delays_s, strict=True)
-        late = {n: t for n, t in delays_s if t != 0.0 and n not in given.servo}
-        other = FilterErrorEntry.model_construct(**{**own, "method": "filter_error", "delays_s": late})
+        if white:  # what hides in noise shows no finer form
+            own |= {"process_noise_model": "gust", "against_none": False}
+        other = FilterErrorEntry.model_construct(**{**own, "method": "filter_error"})
         gusty.append(_tried(fit, name, other, base, samples))
     best_gust = gusty[0]
     for more in gusty[1:]:  # what else it takes must be needed beside gusts
         if not best_gust.settled or (more.settled and more.gain - best_gust.gain > _enough(more.model)):
             best_gust = more
-    colour = _Way(COLOUR, _by_colour(best[1], records, samples), *best)
-    seen = [*seen, *gusty, colour]
+    colour = _Way(COLOUR, max(_by_colour(best[1], records, samples), 0.0), *best)  # or white
+    tried = [*seen, *gusty, colour]
     if best_gust.model is None or not best_gust.settled or best_gust.gain <= max(colour.gain, _ENOUGH):
+        seen = seen if white else tried
         beside = _rivals(colour, [colour, *gusty])
         left = 1.0 - sum(r.probability for r in beside)
         others = (replace(r, probability=left * r.probability) for r in _rivals(taken, ways))
@@ -162,7 +167,7 @@ def mended(
         way if way.settled else way._replace(gain=at.gain + more_likely, entry=at.entry, model=at.model)
         for way, at in zip(gusty, before, strict=True)
     ]
-    return best_gust.entry, best_gust.model, _told(seen, taken, best_gust), _rivals(best_gust, [colour, *gusty])
+    return best_gust.entry, best_gust.model, _told(tried, taken, best_gust), _rivals(best_gust, [colour, *gusty])
 
 
 class _Way(NamedTuple):
@@ -271,5 +276,7 @@ def _tried(fit: Callable[[Any], ParametricModel], name: str, entry: Any, base: f
     try:
         model = fit(entry)
     except Refusal:
+        return _Way(name, -math.inf, entry, None)
+    if model.diagnostics.get("process_noise_model") == "none":  # no gusts in it
         return _Way(name, -math.inf, entry, None)
     return _Way(name, evidence(model, samples) - base, entry, model)

@@ -84,3 +84,34 @@ def test_a_mixture_has_the_spread_of_its_models_and_says_what_they_would_be():
     assert next(a.code for a in both.advice) == "rival_model"
     few = mixed(model, [Rival("a lag behind de", 0.01, moved)])
     assert [a.code for a in few.advice] == [a.code for a in model.advice]
+
+
+def gusted(rms_rad, seed):
+    """Return a flight in which a slow gust turns the flow, in noise of a vane that hides it."""
+    rng, calm = np.random.default_rng(seed), record(seed=seed)
+    x, gust, n = np.zeros(2), 0.0, len(calm)
+    moved, a = np.zeros((n, 2)), np.exp(-0.5 * calm.dt_s)
+    for k in range(n):
+        moved[k] = x + np.array([gust, 0.0])  # the vane feels it
+        forced = np.array([-2.0 * (x[0] + gust) + 0.97 * x[1], -12.0 * (x[0] + gust) - 6.0 * x[1]])
+        x = x + calm.dt_s * forced
+        gust = a * gust + rms_rad * np.sqrt(1.0 - a**2) * rng.standard_normal()
+    return calm.with_columns({"alpha": calm["alpha"] + moved[:, 0], "q": calm["q"] + moved[:, 1]})
+
+
+@pytest.mark.parametrize("gusts", [None, True])
+def test_light_gusts_are_found_in_residuals_that_look_white(gusts):
+    flown = gusted(4e-4, 5)
+    assert not wanting(tb.estimate(ENTRY, [flown], ["de"], ["alpha", "q"]))
+    entry, model, tried = asked(flown, gusts)
+    assert entry.method == model.method == "filter_error"
+    assert [t.name for t in tried if t.taken] == ["gusts"]
+    assert asked(flown, False)[0] is ENTRY, "kinematics show that there are none"
+
+
+def test_no_gusts_are_found_in_calm_air():
+    # By chance 2 ln L exceeds 2 * 4.4 + ln 1200 = 16, of size and bandwidth of a gust: in 2e-4 of flights.
+    for seed in (3, 4):
+        entry, _, tried = asked(record(seed=seed), None)
+        assert entry is ENTRY
+        assert tried == ()

@@ -120,7 +120,9 @@ def tried_in_words(case: Case, tried: Sequence[Tried]) -> list[str]:
     others = [
         f"{t.name} ({t.gain:+.3g})" if math.isfinite(t.gain) else f"{t.name} (no fit)" for t in tried if not t.taken
     ]
-    what = "its residuals are not white noise" if wanting(case.model) else "a control acts late"
+    hidden = any(t.taken and t.name == "gusts" for t in tried)
+    late = "light gusts are hidden in its noise" if hidden else "a control acts late"
+    what = "its residuals are not white noise" if wanting(case.model) else late
     out = f"{case.label}: {what}. "
     if taken:
         out += (

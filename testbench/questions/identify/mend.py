@@ -32,7 +32,7 @@ from testbench.questions.identify.scenario import RecordDescription
 
 
 def mended_cases(
-    cases: Sequence[Case], gusts: bool
+    cases: Sequence[Case], gusts: bool | None
 ) -> tuple[tuple[Case, ...], frozenset[int], list[str], dict[int, tuple[Rival, ...]]]:
     """Return the cases, before each the one that mends it if a cure does, which were mended, what was tried, rivals."""
     out: list[Case] = []
@@ -53,7 +53,7 @@ def mended_cases(
 
 
 def _cured(
-    entry: OutputErrorEntry, model: ParametricModel, case: Case, gusts: bool
+    entry: OutputErrorEntry, model: ParametricModel, case: Case, gusts: bool | None
 ) -> tuple[Case | None, tuple[Tried, ...], tuple[Rival, ...]]:
     """Return the case that a cure makes of one, None if none helps, what was tried, and rivals of what is believed."""
 
