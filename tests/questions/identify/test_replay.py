@@ -9,7 +9,7 @@ from changed_flights import flown, steps
 
 import testbench as tb
 from testbench.estimators.prepare import prepare
-from testbench.questions.identify.amend.ask import replays
+from testbench.questions.identify.amend.ask import _without_servos, replays
 from testbench.questions.identify.amend.folder import with_key
 
 V, H = 15.0, 100.0
@@ -92,3 +92,10 @@ def test_an_aircraft_that_cannot_be_flown_there_is_said(taurus, record):
 )  # fmt: skip
 def test_a_key_of_a_file_gets_another_value_and_the_rest_stays(text, table, expected):
     assert with_key(text, table, "model", '"b"') == expected
+
+
+def test_measured_surfaces_fly_without_the_control_law_that_moved_them():
+    f16 = tb.load_aircraft("jsbsim:f16")
+    assert f16.under_law
+    assert not _without_servos(f16, ["da", "dr"]).under_law
+    assert _without_servos(f16, []).under_law == f16.under_law, "commands were logged"

@@ -229,18 +229,19 @@ def _flyer(case: Case, aircraft: Aircraft, condition: FlightCondition, dt_s: flo
 
 
 def _delay(case: Case, name: str) -> float:
-    """Return the delay of an input that its estimate was made with, s."""
+    """Return the delay of an input that its estimate was made with or found, s."""
     estimator, model = case.estimator, case.model
     servo = getattr(estimator, "servo", {}).get(name)
     said = 0.0 if servo is None or servo.ignore else servo.delay_s
     if said == "estimate":
         values: Mapping[str, float] = getattr(model, "values", {})
         said = values.get(f"T_{name.removesuffix('_cmd')}", 0.0)
-    return float(getattr(estimator, "delays_s", {}).get(name, 0.0)) + float(said)
+    return dict(zip(model.inputs, getattr(model, "delays_s", ()), strict=False)).get(name, 0.0) + float(said)
 
 
 def _without_servos(aircraft: Aircraft, controls: Sequence[str]) -> Aircraft:
-    """Return the aircraft with surfaces that are where their commands are: these were measured."""
+    """Return the aircraft with surfaces that are where their commands are: these were measured, whatever law flew."""
+    aircraft = aircraft.commanded_at("surface") if controls else aircraft
     for control in controls:
         if control not in aircraft.controls:
             continue
