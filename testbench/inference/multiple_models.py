@@ -35,7 +35,8 @@ REVERSED = -1.0
 """What an instrument of the wrong sign reads of what there is. Other scales would be told by gusts alone as well, whose
 share in each reading is not known so closely; they are another aircraft here."""
 LEAST = 0.3  # share by which a control must differ before anybody would call it a fault
-_AT_REST = 3.5  # deviations of the noise of a control that has not moved
+AT_REST = 3.5
+"""Deviations of the noise of a control that has not moved."""
 _OTHER = 5.0  # standard deviations of what is believed, those of an aircraft that is not the believed one
 _FORM = 0.1  # share of what turns a state by which its equation is off, changing
 _FORM_S = 2.0  # over this time
@@ -173,7 +174,7 @@ class Watched:
         """
         first, acting = len(self._u), np.zeros(u.shape[1])
         acting[list(self.bank.controls)] = self.bank.acting
-        u = np.where(np.abs(u) > _AT_REST * acting, u, 0.0)
+        u = np.where(np.abs(u) > AT_REST * acting, u, 0.0)
         self._u = np.vstack([self._u, u])
         if not first:
             self._x[:, list(self.bank.read)] = np.where(valid[0], y[0], 0.0)[None, :, None, None]

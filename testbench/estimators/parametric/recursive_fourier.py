@@ -47,6 +47,7 @@ _PASSES = 10  # over the data, of a structure that is not linear in its paramete
 _STILL = 1e-8  # change of the parameters, in standard errors, that ends them
 _ROUNDS = 3  # of weighing the equations by their residuals
 _NEIGHBOURS = 5  # lines over which the power of the residuals is averaged
+_NOTHING = 1e-9  # what is known of a parameter without slopes, inverse standard deviation
 _DECIDED = 1e-10  # eigenvalue ratio of the scaled information below which the data do not decide the estimates yet
 
 
@@ -253,7 +254,7 @@ def _updates(
             rows = slice(done, int(end))
             grown.add(d.taken[rows], d.xdot[rows], errors[rows], slopes[rows])
             done, now = int(end), grown.level(n, settings.step_hz)
-            if (found := _fit([*kept, now], n, prior, centre)) is not None:
+            if (found := _fit([*kept, now], n, np.diag(prior), -prior * centre)) is not None:
                 out.append((number, float(d.dt_s * end), found))
         kept.append(now)
     return out
@@ -321,6 +322,7 @@ class InFlight:
         self.free = np.flatnonzero(named)
         self._kept: list[tuple[ComplexArray, float]] = []
         self._places: list[tuple[float, ...]] = []
+        self._instead: dict[int, tuple[tuple[int, ...], FloatArray, FloatArray]] = {}
         self.place: tuple[float, ...] = ()
         self._before_s = 0.0
         self._grown = Grown(self.lines, dt_s, settings.forgetting)
@@ -382,42 +384,84 @@ class InFlight:
         self._known = known[-1:]
         self._grown.add(d.taken[new], d.xdot[new], errors[new] - middle[-count:], slopes[new] * scales[-count:])
 
+    def take_instead(self, records: Sequence[int], values: FloatArray, covariance: FloatArray) -> None:
+        """Let what another estimator made of records stand for them, in place of what stood for the first of them.
+
+        Args:
+            records: their places among all so far.
+            values: (f,) its estimates.
+            covariance: (f, f) of them.
+        """
+        self._instead[records[0]] = tuple(records), covariance, values
+
     def fit(self) -> Fit | None:
         """Return least squares now, its step counted from zero; None if nothing is decided yet."""
-        none = np.zeros(self.free.size)
-        return _fit(self._parts(), len(self.structure.states), none, none) if self.spans_s > 0.0 else None
+        if not self.spans_s > 0.0:
+            return None
+        rows, right = [np.zeros((0, self.free.size))], [np.zeros(0)]
+        for _, covariance, values in self._instead.values():
+            rows.append(_whitening(covariance))
+            right.append(rows[-1] @ values)
+        parts = [part for k, part in enumerate(self._parts()) if k not in self._replaced] or [self._none(1)]
+        return _fit(parts, len(self.structure.states), np.vstack(rows), np.concatenate(right))
 
-    def fit_along(self, along: FloatArray, mean: FloatArray, prior: FloatArray) -> Fit | None:
+    def fit_along(self, along: FloatArray, mean: FloatArray, prior: FloatArray, form: float = 0.0) -> Fit | None:
         """Return least squares of parameters that change from record to record; None if nothing is decided yet.
 
         Args:
             along: (r, d) functions of the place of each record; a parameter is their sum with d coefficients.
             mean: (d f,) of the prior of the coefficients, those of the first function first.
             prior: (d f,) their inverse standard deviations about it.
+            form: share by which what stands in for records is off there beside its covariance.
         """
         if not self.spans_s > 0.0:
             return None
         n, f, parts = len(self.structure.states), self.free.size, []
-        for (level, weight), row in zip(self._parts(), along, strict=True):
-            slopes = level[:, None, n:].reshape(len(level), n, 1, f) * row[:, None]
-            parts.append((np.hstack([level[:, :n], slopes.reshape(len(level), -1)]), weight))
-        return _fit(parts, n, prior, -mean)
+        for k, ((level, weight), row) in enumerate(zip(self._parts(), along, strict=True)):
+            if k not in self._replaced:
+                slopes = level[:, None, n:].reshape(len(level), n, 1, f) * row[:, None]
+                parts.append((np.hstack([level[:, :n], slopes.reshape(len(level), -1)]), weight))
+        rows, right = [np.diag(prior)], [prior * mean]
+        for records, covariance, values in self._instead.values():
+            root = _whitening(covariance + np.diag((form * values) ** 2))
+            rows.append(np.kron(along[list(records)].mean(axis=0), root))
+            right.append(root @ values)
+        return _fit(parts or [self._none(along.shape[1])], n, np.vstack(rows), np.concatenate(right))
+
+    def _none(self, d: int) -> tuple[ComplexArray, float]:
+        """Return the lines of no record, for parameters that are sums of d functions."""
+        n = len(self.structure.states)
+        return np.zeros((self.lines.size, n + n * d * self.free.size), np.complex128), 0.0
+
+    @property
+    def _replaced(self) -> set[int]:
+        return {k for records, _, _ in self._instead.values() for k in records}
 
     def _parts(self) -> list[tuple[ComplexArray, float]]:
         n = len(self.structure.states)
         return [*self._kept, *([self._grown.level(n, self.settings.step_hz)] if self._grown.span_s > 0.0 else [])]
 
 
-def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray, centre: FloatArray) -> Fit | None:
-    """Return weighted least squares of errors (lines, n) on slopes (lines, n f), or None if they do not decide it."""
-    f = prior.size
+def _whitening(covariance: FloatArray) -> FloatArray:
+    """Return W (f, f), W' W the inverse of a covariance."""
+    size = np.sqrt(np.diag(covariance))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance / np.outer(size, size))) / size)
+
+
+def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray, right: FloatArray) -> Fit | None:
+    """Return weighted least squares of errors (lines, n) on slopes (lines, n f), or None if they do not decide it.
+
+    Beside them stands what is known before: rows ``prior`` (k, f) of what is ``right`` (k,), with errors of 1. A
+    parameter without slopes, as that of a control that has not moved, is zero with an error beyond all.
+    """
+    f = prior.shape[1]
     F = np.vstack([part for part, _ in parts])
     lines = len(parts[0][0])
     weight = np.repeat([w for _, w in parts], lines)
     e, X = F[:, :n].T, F[:, n:].reshape(len(F), n, f).transpose(1, 0, 2)  # (n, lines), (n, lines, f)
     felt = np.any(X != 0.0, axis=1)  # (n, f)
     freedoms = 2.0 * weight.sum() - felt.sum(axis=1)
-    if float(np.min(freedoms)) < 1.0 and not np.all(prior > 0.0):
+    if float(np.min(freedoms)) < 1.0 and not np.all(np.any(prior != 0.0, axis=0)):
         return None
     freedoms = np.maximum(freedoms, 1.0)
     root = np.sqrt(weight)
@@ -426,24 +470,29 @@ def _fit(parts: Sequence[tuple[ComplexArray, float]], n: int, prior: FloatArray,
         R = np.maximum(R, 1e-24 * np.sum(weight * np.abs(e) ** 2, axis=1) + 1e-300)
         A = (X * (root[None, :] / np.sqrt(R)[:, None])[:, :, None]).reshape(-1, f)
         b = (e * root / np.sqrt(R)[:, None]).ravel()
-        left = np.vstack([A.real, A.imag, np.diag(prior)])
+        left = np.vstack([A.real, A.imag, prior])
         size = np.linalg.norm(left, axis=0)
-        if not np.all(size > 0.0):
+        if not np.any(size > 0.0):
             return None
+        nothing = size == 0.0
+        left = np.vstack([left, np.diag(np.where(nothing, _NOTHING, 0.0))[nothing]])
+        size = np.where(nothing, _NOTHING, size)
         U, s, Vt = np.linalg.svd(left / size, full_matrices=False)
         if not s[-1] ** 2 > _DECIDED * s[0] ** 2:
             return None
-        step = (Vt.T / s) @ (U.T @ np.concatenate([b.real, b.imag, -prior * centre])) / size
+        step = (Vt.T / s) @ (U.T @ np.concatenate([b.real, b.imag, right, np.zeros(nothing.sum())])) / size
         v = e - X @ step
         R = np.sum(weight * np.abs(v) ** 2, axis=1) / freedoms
     inverse = (Vt.T / s**2) @ Vt / np.outer(size, size)
-    power = np.abs(v) ** 2 / R[:, None] * weight.sum() / freedoms[:, None]  # 1 on average, for a level spectrum
+    power = (
+        np.abs(v) ** 2 / np.maximum(R, 1e-300)[:, None] * weight.sum() / freedoms[:, None]
+    )  # 1 on average, for a level spectrum
     by_line = np.mean(power.reshape(n, len(parts), lines), axis=1)
     width = np.ones(min(_NEIGHBOURS, lines))
     level = [np.convolve(row, width, "same") / np.convolve(np.ones(lines), width, "same") for row in by_line]
     A = A.reshape(n, -1, f)
     meat = np.einsum("ilf,il,ilg->fg", A.conj(), np.tile(level, (1, len(parts))), A, optimize=True).real
-    corrected = inverse @ (meat + np.diag(prior**2)) @ inverse
+    corrected = inverse @ (meat + prior.T @ prior + np.diag(np.where(nothing, _NOTHING**2, 0.0))) @ inverse
     return Fit(step, inverse * float(np.mean(weight)), np.asarray(corrected), np.asarray(v), weight[::lines], R)
 
 

@@ -55,6 +55,8 @@ def called(call: Call) -> str:
         if call.words == "frozen":
             return f"stop: {call.channel} stands still at {sized(call.channel, call.value)}: check its instrument"
         return f"stop: the airspeed is {call.value:+.2g} m/s off what the forces make of it: check the pitot tube"
+    if call.kind == "careful":
+        return f"{call.channel}, careful: {call.words}"
     if call.kind == "enough":
         after = f": next card {call.words}" if call.words else ": go on to the next card"
         return f"you have it: the {call.channel} derivatives are as accurate as wanted{after}"

@@ -6,6 +6,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from testbench.aircraft.adapter import SURFACES
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import RecordError, Refusal
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.words import with_error
 from testbench.inference.changes import FASTEST_HZ as FASTEST_CHANGES_HZ
 from testbench.inference.changes import SURE, Watch
 from testbench.inference.multiple_models import Weighed
@@ -21,6 +23,7 @@ from testbench.page.shown import Shown
 from testbench.questions.identify.derivatives import servos_of
 from testbench.questions.importing.changes import change_sentence
 from testbench.questions.live.belief import CONTROLS, DRAWS, Believed
+from testbench.questions.live.careful import TOGETHER, Beside, Careful, Run, identified
 from testbench.questions.live.clock import FASTEST_HZ, Clock, Rate
 from testbench.questions.live.course import Course, Outlook
 from testbench.questions.live.stream import Sample, Source
@@ -36,6 +39,8 @@ _CARDS_EVERY = 8  # updates: whole runs are looked for, which take longer
 LEAST_HZ = 4.0
 WANTED = 0.1
 """Standard error that is wanted relative to the value where no card says it."""
+_LONG_AGO_S = 15.0  # after a run in which no card is recognised
+_SAID = 3  # derivatives of a careful estimate that are called out
 _SLOW = 0.8  # of the slowest speed of the aircraft, below which it does not fly
 _OTHER_SPEED = 0.25  # share by which the speed may differ from that at which derivatives are believed
 _ANGLE = {"longitudinal": ("alpha", ("q", "az")), "lateral": ("beta", ("p", "r", "phi", "ay"))}
@@ -49,7 +54,7 @@ class Call:
     """What is called out."""
 
     t_s: float  #: when, on the clock of the source
-    kind: str  #: "limit", "stop", "instrument", "change", "enough", "run" or "next"
+    kind: str  #: "limit", "stop", "instrument", "change", "enough", "run", "careful" or "next"
     channel: str = ""  #: that it is of; "" if of none
     #: value, other: what was found, and what it is set against
     value: float = 0.0
@@ -112,18 +117,21 @@ def fly_along(
     aircraft: Aircraft,
     plan: Plan | None = None,
     wanted: float = WANTED,
-    keep: Callable[[Sample], None] | None = None,
+    keep: Callable[[Sample | Careful], None] | None = None,
     session: Session | None = None,
     draws: int = DRAWS,
 ) -> Iterator[Update]:
     """Follow a flight from its samples; yield what is known, every half second of its clock.
+
+    When a run has ended, a process beside this one identifies it carefully (:mod:`.careful`); what it finds takes the
+    place of what was found in flight, from the next update on.
 
     Args:
         source: of :func:`testbench.questions.live.stream.open_source`.
         aircraft: believed to fly.
         plan: whose cards are flown: wanted accuracies, and which card is next.
         wanted: standard error of derivatives relative to their values, where no card says it.
-        keep: called with every sample as it arrives.
+        keep: called with every sample as it arrives, and with every careful estimate.
         session: takes all that is found; its last state is the answer.
         draws: aircraft drawn within the uncertainty of the believed one.
 
@@ -137,23 +145,37 @@ def fly_along(
     """
     session = Session(source.name, aircraft, plan) if session is None else session
     behind = {} if plan is None else {s.channel: s.lag_s + s.delay_s for s in plan.suite.sensors}
-    clock, follower, due = Clock(behind), None, np.inf
-    for sample in source.samples:
-        if keep is not None:
-            keep(sample)
-        clock.add(sample)
-        if follower is None:
-            if clock.newest_s - clock.first_s < LISTEN_S:
+    clock, follower, due, awaits = Clock(behind), None, np.inf, source.careful == "awaited"
+    with Beside() as beside:
+
+        def know(wait: bool) -> None:
+            while follower is not None and source.careful and (found := beside.take(wait)) is not None:
+                if keep is not None:
+                    keep(found)
+                follower.know(found)
+
+        for sample in source.samples:
+            if keep is not None:
+                keep(sample)
+            if isinstance(sample, Careful):
+                if follower is not None:
+                    follower.know(sample)
                 continue
-            follower = _Follower(session, clock, wanted, draws)
-            due = clock.newest_s + UPDATE_S
-        if clock.newest_s >= due:
-            due += UPDATE_S * max(1.0, np.floor((clock.newest_s - due) / UPDATE_S) + 1.0)
-            update = follower.update()
-            if update is not None:
-                session.updates.append(update)
-                session.calls += update.calls
-                yield update
+            clock.add(sample)
+            if follower is None:
+                if clock.newest_s - clock.first_s < LISTEN_S:
+                    continue
+                follower = _Follower(session, clock, wanted, draws)
+                due = clock.newest_s + UPDATE_S
+            if clock.newest_s >= due:
+                due += UPDATE_S * max(1.0, np.floor((clock.newest_s - due) / UPDATE_S) + 1.0)
+                update = follower.update(beside)
+                if update is not None:
+                    session.updates.append(update)
+                    session.calls += update.calls
+                    yield update
+                know(awaits)
+        know(True)
     if follower is not None and (update := follower.last()) is not None:
         session.updates.append(update)
         session.calls += update.calls
@@ -200,6 +222,9 @@ class _Follower:
         session.course = self.course = None if self.plan is None else Course(self.plan, wanted)
         self.ahead, self.named = False, ("", "")
         self.watch, self.passed, self.different = self._watching(), 0, ("", "")
+        self.careful: list[tuple[Plane, Run, str]] = []
+        self.anew: set[str] = set()
+        self.asked: set[float] = set()
 
     def _watching(self) -> Watch | None:
         """Return what changes are watched for with, on every so many samples of the clock."""
@@ -212,7 +237,7 @@ class _Follower:
             self.session.notes.append(f"no changes are watched for: {error}")
             return None
 
-    def update(self) -> Update | None:
+    def update(self, beside: Beside) -> Update | None:
         block = self.clock.block(self.names)
         if block is None:
             return None
@@ -228,30 +253,35 @@ class _Follower:
         self.blocks.append(block)
         while self.blocks and self.blocks[0].t_s[0] < t_s - 180.0:
             self.blocks.popleft()
-        estimates, weighed, active = {}, {}, []
+        estimates, weighed, active, done = {}, {}, [], []
         for name, plane in self.planes.items():
             ended = plane.take(block)
             if ended:
                 self._learn(plane)
+                done.append(plane)
             if plane.active or ended:
                 active.append(name)
+            if plane.active or ended or name in self.anew:
                 estimates[name] = plane.estimates()
                 weighed[name] = plane.weighed()
                 found = plane.unexpected(weighed[name])
                 if found is not None:
                     calls.append(Call(t_s, "stop", plane.name_of(found), found.value, found.probability, found.kind))
             calls += self._enough(name, estimates.get(name, ()), t_s)
+        self.anew.clear()
         self.updates += 1
-        expected = self.course is not None and self.course.expect()
-        outlook = None
-        if self.updates % _CARDS_EVERY == 0:
+        if done or self.updates % _CARDS_EVERY == 0:
             calls += self._cards(t_s)
-            if expected and self.ahead and not active:
-                outlook = self._look_ahead()
-                what = str(outlook.card or ""), outlook.words
-                if what != self.named:
-                    calls.append(Call(t_s, "next", what[0], outlook.left_s, outlook.printed_s, what[1]))
-                self.named = what
+            for plane in self.planes.values():
+                self._ask(plane, beside)
+        calls += self._careful(t_s)
+        outlook = None
+        if self.course is not None and self.course.expect() and self.ahead and not active:
+            outlook = self._look_ahead()
+            what = str(outlook.card or ""), outlook.words
+            if what != self.named:
+                calls.append(Call(t_s, "next", what[0], outlook.left_s, outlook.printed_s, what[1]))
+            self.named = what
         return Update(t_s, tuple(active), estimates, weighed, tuple(calls), outlook, changed)
 
     def _changes(self, block: FlightRecord, t_s: float) -> tuple[float | None, list[Call]]:
@@ -284,6 +314,57 @@ class _Follower:
             self.course.learn(plane)
             self.ahead = True
 
+    def _ask(self, plane: Plane, beside: Beside) -> None:
+        """Let the runs of a plane at one point be identified carefully, once there is a new one."""
+        points = {} if self.plan is None else {p.number: p.V_m_s for p in self.plan.points}
+        flown = [run for run in plane.runs if set(run.moved) & set(CONTROLS[plane.name])]
+        if not flown or flown[-1].begun_s in self.asked:
+            return
+        self.asked.add(flown[-1].begun_s)
+        of = [min(points, key=lambda n, V=run.V_m_s: abs(points[n] - V), default=0) for run in flown]
+        runs = [run for run, point in zip(flown, of, strict=True) if point == of[-1]]
+        runs = runs[(len(runs) - 1) // TOGETHER * TOGETHER :]
+        said = Careful(plane.name, tuple(run.number for run in runs), runs[-1].begun_s)
+        beside.begin((plane.name, runs[0].number), partial(identified, plane.so_far, runs, said))
+
+    def _card(self, plane: Plane, run: Run) -> int:
+        """Return the last card of the motion of a plane that a run holds; 0 if it holds none."""
+        cards = {c.number: c.spec for c in (() if self.plan is None else self.plan.cards) if c.spec.plane == plane.name}
+        end_s = run.begun_s + run.record.duration_s
+        return max((n for n, at in self.counted if n in cards and run.begun_s - cards[n].duration_s < at < end_s),
+                   default=0)  # fmt: skip
+
+    def know(self, found: Careful) -> None:
+        """Let a careful estimate take the place of what its runs said in flight, and call it out."""
+        plane = self.planes.get(found.plane)
+        run = None if plane is None else next((r for r in plane.runs if r.begun_s == found.begun_s), None)
+        if plane is None or run is None:  # the condition has changed since
+            return
+        if found.why:
+            self.careful.append((plane, run, f"no estimate: {found.why}"))
+            return
+        before = {e.name: e for e in plane.estimates()}
+        plane.told(found)
+        self._learn(plane)
+        self.anew.add(plane.name)
+        now = sorted((e for e in plane.estimates() if e.wanted), key=lambda e: e.std / max(abs(e.value), 1e-12))
+        told = [e for e in now if e.name in found.names][:_SAID]
+        words = [
+            ", ".join(f"{e.name} {with_error(e.value, e.std)}" for e in told),
+            ", ".join(with_error(before[e.name].value, before[e.name].std) for e in told if e.name in before),
+        ]
+        self.careful.append((plane, run, "; live said ".join(w for w in words if w)))
+
+    def _careful(self, t_s: float, ended: bool = False) -> Iterator[Call]:
+        """Yield what was found carefully, once it is known of which card: of none, if its run has ended long ago."""
+        waiting, self.careful = self.careful, []
+        for plane, run, words in waiting:
+            card = self._card(plane, run)
+            if card or ended or self.plan is None or t_s > run.begun_s + run.record.duration_s + _LONG_AGO_S:
+                yield Call(t_s, "careful", f"card {card}" if card else plane.name, words=words)
+            else:
+                self.careful.append((plane, run, words))
+
     def _look_ahead(self) -> Outlook:
         """Return what to fly from now on."""
         assert self.course is not None
@@ -294,7 +375,7 @@ class _Follower:
     def last(self) -> Update | None:
         """Return the runs of cards that the end of the flight holds; None if there are none."""
         t_s = float(self.blocks[-1].t_s[-1]) if self.blocks else 0.0
-        calls = tuple(self._cards(t_s, ended=True)) if self.blocks else ()
+        calls = (*self._cards(t_s, ended=True), *self._careful(t_s, ended=True)) if self.blocks else ()
         return Update(t_s, (), {}, {}, calls) if calls else None
 
     def _believe(self, block: FlightRecord) -> None:
@@ -303,6 +384,9 @@ class _Follower:
             return
         usual = {"V": self.aircraft.design_V_m_s, "h": self.aircraft.design_h_m}
         V, h = (self.clock.mean(n, LISTEN_S, x) for n, x in usual.items())
+        if self.plan is not None:  # what a run has made of the speed is none that a plan wants anything of
+            point = min(self.plan.points, key=lambda p: abs(p.V_m_s - V))
+            V, h = point.V_m_s, point.h_m
         if abs(V - self.V) <= _OTHER_SPEED * self.V:
             return
         self.V, self.h, self.planes = V, h, {}

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import cont2discrete
 
 from testbench.aircraft import Aircraft
@@ -48,6 +49,14 @@ def structure_of(plane: str, at: Trim, controls: Sequence[str]) -> LinearStructu
     if plane == "longitudinal":
         return longitudinal(at, states=SHORT, outputs=SHORT, controls=controls)
     return lateral_directional(at, controls=controls)
+
+
+def by_airspeed(names: Sequence[str]) -> FloatArray:
+    """Return the powers (f,) of airspeed that derivatives go with: 2 as forces and moments, 1 where a rate makes them.
+
+    Dynamic pressure is the square, and a rate turns the flow by rate over airspeed.
+    """
+    return np.array([_POWER.get(name.partition("_")[2], 2.0) for name in names])
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,9 +183,17 @@ class Expected:
         s, names = self.structure.matrices(self.params), self.structure.states
         power = [_POWER.get(name, 2.0) for name in (*names, *self.structure.inputs)]
         rows = np.array([[p - (i == 0) if n not in ATTITUDES else 0.0 for p in power] for i, n in enumerate(names)])
+        rows[:, [i for i, n in enumerate(names) if n in ATTITUDES]] = 0.0  # gravity: :func:`.track.kinematics` has it
         change = ratio[:, None, None] ** rows - 1.0
         out: FloatArray = np.einsum("bij,ij,bj->bi", change, np.hstack([s.A, s.B]), np.hstack([states, inputs]))
         return out
+
+    def given(self, at: NDArray[np.intp], values: FloatArray, covariance: FloatArray) -> Expected:
+        """Return what is expected after parameters ``at`` (f,) were found to be values (f,), with their covariance."""
+        D = self.directions[:, at]
+        weight = np.linalg.solve(covariance + np.diag((LEAST_FORM * values) ** 2), D.T)
+        P = np.linalg.inv(np.eye(len(D)) + D @ weight)
+        return self.learnt(P @ (weight.T @ (values - self.params[at])), P)
 
     def learnt(self, mean: FloatArray, covariance: FloatArray) -> Expected:
         """Return what is expected after a run said of multiples z of the directions that z ~ N(mean, covariance).

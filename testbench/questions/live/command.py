@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from testbench.questions.live.ask import Session, Update
+    from testbench.questions.live.careful import Careful
     from testbench.questions.live.stream import Sample
 
 
@@ -70,7 +71,6 @@ def command(
     a phone in the network of the ground station shows it large, at the address that is printed.
     Examples: `testbench live flight.csv --aircraft taurus`, `testbench live udp:14550 --plan mine.toml --servo de=2`.
     """
-    import json
     from contextlib import ExitStack
 
     from testbench.core.named import obtain
@@ -79,7 +79,7 @@ def command(
     from testbench.questions.importing.ask import parse_throws
     from testbench.questions.live.ask import Session, fly_along
     from testbench.questions.live.page import live_page
-    from testbench.questions.live.stream import RECORDING, open_source
+    from testbench.questions.live.stream import RECORDING, line_of, open_source
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.scenario import PlanScenario
 
@@ -105,8 +105,8 @@ def command(
         screen = _View(session, opened.radio, bell, shown, address)
         with place.live(RECORDING).open("w", encoding="utf-8") as file:
 
-            def keep(sample: Sample) -> None:
-                file.write(json.dumps([sample.t_s, sample.arrived_s, dict(sample.values)]) + "\n")
+            def keep(sample: Sample | Careful) -> None:
+                file.write(line_of(sample))
 
             try:
                 for update in fly_along(opened, flown, made, wanted / 100.0, keep, session):
@@ -201,7 +201,7 @@ class _View:
         for call in update.calls:
             self._say(
                 f"{update.t_s:8.1f} s  {called(call)}",
-                "bold red" if call.kind not in ("enough", "run", "next") else "bold",
+                "bold red" if call.kind not in ("enough", "run", "careful", "next") else "bold",
             )
         for plane in self.active if self.live is None else ():
             if plane not in update.active:

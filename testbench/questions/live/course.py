@@ -9,8 +9,9 @@ of attack of the trim, so that a card at another speed is told by those beside i
 b and c scatter by FORM_STD of the derivative about those of the believed aircraft. A run tells the mean of theta over
 the angles of attack that it met.
 
-A run of a card adds its Fisher information, by sensitivities at the current estimate. Regression in flight, in gusts,
-reaches less than that: expected information counts by the share that the runs so far have brought of theirs. The next
+A run of a card adds its Fisher information, by sensitivities at the current estimate. In gusts less than that is
+reached: expected information counts by the share that the runs so far have brought of theirs. Each run is off by what a
+linear aircraft is beside it: two that are near to one another tell no slope. The next
 card is the one that brings the most, per second in the air, towards the errors that are still too large; those after it
 are chosen in the same way, until nothing is wanted or the plan as printed would end. No card is faster than the next
 speed of the build-up. What cannot be told in flight is flown as printed.
@@ -42,6 +43,7 @@ _LEAST_SHARE = 0.01  # of the information that was expected
 _LOOSE = 1e-6
 """Inverse standard deviation, over the believed value, of a derivative that nothing is known of."""
 _SAID = 3  # errors that the next card makes smaller
+_AT_ONCE = 3  # cards that are expected in an update
 _MOST = 60  # runs that are looked ahead
 _NEAR = 0.25  # relative standard error of an estimate that sensitivities are taken at
 
@@ -113,8 +115,8 @@ class _Known:
         return np.maximum(np.einsum("tk,...kl,tl->...t", self.targets, C, self.targets), 0.0)
 
     def errors(self, information: FloatArray) -> FloatArray:
-        """Return the same as errors, with what a linear aircraft is off by."""
-        return np.sqrt(self.scatter(information) + (LEAST_FORM / self.wanted) ** 2)
+        """Return the same as errors."""
+        return np.sqrt(self.scatter(information))
 
     def of_cards(self, information: FloatArray) -> list[tuple[int, float]]:
         """Return card and error over the wanted one of every target."""
@@ -166,7 +168,7 @@ class Course:
             s = (alphas - alpha) / ALPHA_RAD
             first, second = s + mean_s / ALPHA_RAD, s**2 + (2.0 * s * mean_s + square / ALPHA_RAD) / ALPHA_RAD
             along, unit = np.column_stack([np.ones(s.size), first, second]), np.tile(size, 3)
-            fit = plane.regression.fit_along(along, mean * unit, np.concatenate([none, form]) / unit)
+            fit = plane.regression.fit_along(along, mean * unit, np.concatenate([none, form]) / unit, LEAST_FORM)
         if fit is not None:
             P = fit.corrected / np.outer(unit, unit)
             known.information[:] = np.linalg.inv(0.5 * (P + P.T))
@@ -219,8 +221,8 @@ class Course:
         return np.kron([1.0, s.mean(), np.mean(s**2)], np.arange(len(known.names)) == at) / here
 
     def expect(self) -> bool:
-        """Expect one more card at the current estimate; return whether all are. All at once would take too long."""
-        if self._stale:
+        """Expect some more cards at the current estimate; return whether all are. All at once would take too long."""
+        for _ in range(min(_AT_ONCE, len(self._stale))):
             number = self._stale.pop(0)
             self._told[number] = self._by_a_run(number)
         return not self._stale
@@ -248,8 +250,9 @@ class Course:
         M = M[np.ix_(own, own)] - cross @ np.linalg.pinv(M[np.ix_(rest, rest)], hermitian=True) @ cross.T
         rows = [self._row(known, number, names[i], flown=True) for i in own]
         J = np.array(rows).reshape(len(own), 3 * len(known.names))
-        J *= np.sqrt([known.share[known.names.index(names[i])] for i in own])[:, None]
-        out: FloatArray = J.T @ M @ J
+        brought = np.sqrt([known.share[known.names.index(names[i])] for i in own])
+        M *= np.outer(brought, brought)
+        out: FloatArray = J.T @ M @ np.linalg.inv(np.eye(len(own)) + LEAST_FORM**2 * M) @ J
         return out
 
     def _compare(self, known: _Known, flown: Mapping[int, int]) -> None:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from testbench.core.store import OWN
 from testbench.logs.mavlink import NEEDS_PYMAVLINK, values_of
 from testbench.logs.signals import Mapped, find_channels
 from testbench.questions.importing.ask import read_log
+from testbench.questions.live.careful import Careful
 
 GROW = (".ulg", ".bin", ".log", ".tlog", ".mcap")
 """Suffixes of logs that are written as an aircraft flies."""
@@ -40,11 +42,16 @@ class Sample(NamedTuple):
 
 
 class Source(NamedTuple):
-    """A stream with its name, and whether it can be asked for other message rates."""
+    """A stream with its name, and whether it can be asked for other message rates.
+
+    ``careful`` says how careful estimates of its runs are made: "beside" it, while it goes on; "awaited", where nobody
+    flies while it waits; "" where none are, but those that it brings.
+    """
 
     name: str
-    samples: Iterator[Sample]
+    samples: Iterator[Sample | Careful]
     radio: bool = False
+    careful: Literal["beside", "awaited", ""] = ""
 
 
 def open_source(
@@ -75,20 +82,23 @@ def open_source(
     if kind == "udp":
         if not rest.isdecimal() or not 0 < int(rest) < 65536:
             raise RecordError(f"a port must be udp:NUMBER with a number from 1 to 65535, got '{place}'")
-        return Source(place, mavlink(f"udpin:0.0.0.0:{rest}", throw_rad, servos, idle_s, onboard=onboard), radio=True)
+        heard = mavlink(f"udpin:0.0.0.0:{rest}", throw_rad, servos, idle_s, onboard=onboard)
+        return Source(place, heard, radio=True, careful="beside")
     if kind == "serial":
         device, _, baud = rest.rpartition(":")
         if not device or not baud.isdecimal() or not 0 < int(baud) < 1e7:
             raise RecordError(f"a serial port must be serial:DEVICE:BAUD, as serial:/dev/ttyUSB0:57600, got '{place}'")
         name = f"serial:{Path(device).name}"
-        return Source(name, mavlink(device, throw_rad, servos, idle_s, int(baud), onboard), radio=True)
+        heard = mavlink(device, throw_rad, servos, idle_s, int(baud), onboard)
+        return Source(name, heard, radio=True, careful="beside")
     path = Path(place)
     if (path / RECORDING).is_file() and (path / OWN).is_dir():
         name = f"{path.resolve().name.removeprefix('live_')}_again"  # a folder of its own: this one is being read
         return Source(name, _paced(recorded(path / RECORDING), speed))
     if replay or path.suffix.lower() not in GROW:
-        return Source(path.stem, _paced(_merged(_channels(path, throw_rad)), speed))
-    return Source(path.stem, followed(path, throw_rad, idle_s))
+        how: Literal["beside", "awaited"] = "awaited" if speed is None else "beside"
+        return Source(path.stem, _paced(_merged(_channels(path, throw_rad)), speed), careful=how)
+    return Source(path.stem, followed(path, throw_rad, idle_s), careful="beside")
 
 
 def _channels(path: Path, throw_rad: Mapping[str, float]) -> Sequence[Mapped]:
@@ -115,11 +125,11 @@ def _merged(channels: Sequence[Mapped], after_s: Mapping[str, float] | None = No
             yield Sample(at, values, at)
 
 
-def _paced(samples: Iterator[Sample], speed: float | None) -> Iterator[Sample]:
+def _paced(samples: Iterator[Sample | Careful], speed: float | None) -> Iterator[Sample | Careful]:
     """Yield samples no sooner than a clock that runs ``speed`` times as fast as theirs allows."""
     begun = first = None
     for sample in samples:
-        if speed is not None:
+        if speed is not None and isinstance(sample, Sample):
             if begun is None or first is None:
                 begun, first = time.monotonic(), sample.arrived_s
             wait = begun + (sample.arrived_s - first) / speed - time.monotonic()
@@ -128,7 +138,13 @@ def _paced(samples: Iterator[Sample], speed: float | None) -> Iterator[Sample]:
         yield sample
 
 
-def recorded(file: Path) -> Iterator[Sample]:
+def line_of(sample: Sample | Careful) -> str:
+    """Return a sample, or a careful estimate where it arrived, as a line of a recording."""
+    told = asdict(sample) if isinstance(sample, Careful) else [sample.t_s, sample.arrived_s, dict(sample.values)]
+    return json.dumps(told) + "\n"
+
+
+def recorded(file: Path) -> Iterator[Sample | Careful]:
     """Yield what a session has recorded; a last line that was not finished is left out.
 
     Raises:
@@ -137,9 +153,13 @@ def recorded(file: Path) -> Iterator[Sample]:
     lines = read_text(file, "recording").split("\n")
     for number, line in enumerate(lines[:-1], 1):
         try:
-            t_s, arrived_s, values = json.loads(line)
+            told = json.loads(line)
+            if isinstance(told, dict):
+                yield Careful.read(told)
+                continue
+            t_s, arrived_s, values = told
             yield Sample(float(t_s), {str(k): float(v) for k, v in values.items()}, float(arrived_s))
-        except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             raise RecordError(
                 f"line {number} of '{file}' must be [time, arrival, channels], got {line[:40]!r}"
             ) from error

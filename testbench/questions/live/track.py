@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,10 +25,11 @@ from testbench.estimators.parametric.recursive_fourier import InFlight
 from testbench.estimators.settings import RecursiveFourier
 from testbench.evaluation.derivatives import dimensional_derivatives, true_parameters
 from testbench.inference.form import ALPHA_RAD, FORM_STD
-from testbench.inference.multiple_models import Watched, Weighed
+from testbench.inference.multiple_models import AT_REST, Watched, Weighed
 from testbench.information.targets import needed_parameters
 from testbench.logs.manoeuvres import FACTOR, NOISE_QUANTILE, SMALLEST, WINDOW_S
-from testbench.questions.live.belief import LEAST_FORM, Believed, Expected, structure_of
+from testbench.questions.live.belief import LEAST_FORM, Believed, Expected, by_airspeed, structure_of
+from testbench.questions.live.careful import Careful, Run
 from testbench.questions.plan.result import Point
 
 QUIET_S, LEAD_S, TAIL_S, LONGEST_S = 5.0, 1.0, 3.0, 40.0
@@ -38,6 +39,8 @@ DOUBTED = 0.01
 """Probability that a run is answered as believed, from which on it is said not to be."""
 _FEWEST = 8  # drawn aircraft that the uncertainty is known by
 _QUIETEST = 2e-4  # rad, rad/s: noise of an instrument that seems to have none
+_NOTHING = 1e3
+"""Standard errors over the value at which nothing is known of a derivative."""
 SPEED_LAG_S = 0.1
 _FRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta")
 _CAUGHT_UP = 150
@@ -88,6 +91,7 @@ class Plane:
         values = believed.values(self.structure)
         self.before = dict(zip(self.structure.parameter_names, values[0].tolist(), strict=True))
         self.expected, self._drawn = Expected.of(self.structure, values, dt_s), len(values) - 1
+        self._first = self.expected
         self.targets = needed_parameters(name, controls, False, ())
         settings = RecursiveFourier(band_hz=(0.1, min(2.0, 0.2 / dt_s)), step_hz=0.04)
         self.regression = InFlight(self.structure, settings, dt_s)
@@ -104,6 +108,8 @@ class Plane:
         self._still_s, self._said = 0.0, ""
         self._watched: Watched | None = None
         self._waiting: list[Any] = []
+        self._parts: list[tuple[FloatArray, ...]] = []
+        self.runs: list[Run] = []
         self.active, self._lost_s, self._learnt = False, 0.0, False
 
     @property
@@ -123,6 +129,7 @@ class Plane:
         ended = False
         least = self._least()
         for k, row in enumerate(rows):
+            self._ended_s = float(part.t_s[k])
             self._lost_s = 0.0 if part.valid[k].all() else self._lost_s + self.dt_s
             if self._lost_s > LOST_S:  # what comes then is another flight
                 for memory in (self._quiet, self._lead, self._recent):
@@ -159,13 +166,35 @@ class Plane:
         self._quiet.clear()
         self._lead.clear()
         self._learn()
+        if self._parts:
+            V0, data = self.regression.place[0], [np.concatenate(part) for part in zip(*self._parts, strict=True)]
+            t: FloatArray = self.dt_s * np.arange(len(data[0]), dtype=np.float64)
+            record = FlightRecord(t, (*self.structure.states, *self.structure.inputs), data[0], "measured", data[1])
+            number = len(self.regression.places) - 1
+            self.runs.append(Run(number, self._ended_s - t[-1], V0, record, data[2], data[3], bool(self._said)))
         return True
+
+    @property
+    def so_far(self) -> Expected:
+        """The aircraft at what is found so far, and as believed where nothing is."""
+        fit, params = self.regression.fit(), self.expected.params.copy()
+        if fit is not None:
+            params[self.regression.free] = fit.step
+        return replace(self.expected, params=params)
+
+    def told(self, found: Careful) -> None:
+        """Let what a careful estimate made of runs stand in the place of what was made of them in flight."""
+        self.regression.take_instead(found.numbers, np.array(found.values), np.array(found.covariance))
+        fit = self.regression.fit()
+        if fit is not None and not self.active and not any(run.doubted for run in self.runs):
+            self.expected, self._learnt = self._first.given(self.regression.free, fit.step, fit.corrected), True
 
     def expect(self, believed: Believed) -> None:
         """Take more of the aircraft that may be flying, unless a run has told already which it is."""
+        values = believed.values(self.structure)
+        self._first, self._drawn = Expected.of(self.structure, values, self.dt_s), len(values) - 1
         if not self._learnt:
-            values = believed.values(self.structure)
-            self.expected, self._drawn = Expected.of(self.structure, values, self.dt_s), len(values) - 1
+            self.expected = self._first
 
     def _learn(self) -> None:
         """Let the next run be expected of what this one found, unless it was not the response expected."""
@@ -201,7 +230,7 @@ class Plane:
 
     def _begin(self) -> None:
         quiet = np.array(self._quiet)
-        self._trim = quiet.mean(axis=0)
+        self._trim, self._parts = quiet.mean(axis=0), []
         states = len(self.structure.states)
         lead = quiet[-round(LEAD_S / self.dt_s) :]
         self._angle, self._slow_V, self._done = 0.0, 0.0, 0
@@ -209,6 +238,7 @@ class Plane:
         self._known = [*self._lead][-len(lead) :]
         self._valid = [np.ones(quiet.shape[1], bool)] * len(lead)
         self._y: FloatArray = np.zeros((0, states))
+        self._acting = np.array([self.noise(source) for source in self.sources.values()])
         self._said, self._watched = "", self._watching(quiet - self._trim)
         self.regression.begin()
         self.active, self._still_s = True, 0.0
@@ -228,7 +258,7 @@ class Plane:
         if self.integrated:
             states, ok = self._with_angle(states, ok)
         speed = self._smooth_speed(z[:, first]) if self.speed else np.zeros(len(z))
-        inputs, sound = z[:, -m:], valid[:, -m:]
+        inputs, sound = np.where(np.abs(z[:, -m:]) > AT_REST * self._acting, z[:, -m:], 0.0), valid[:, -m:]
         if "V" in self.structure.inputs:
             inputs, sound = np.column_stack([inputs, speed]), np.column_stack([sound, valid[:, first]])
         V0 = float(self._trim[first]) if self.speed else self.believed.at.V
@@ -238,6 +268,7 @@ class Plane:
         names = (*self.structure.states, *self.structure.inputs)
         block = FlightRecord(t, names, np.hstack([states, inputs]), "measured", np.hstack([ok, sound]))
         self.regression.add(block, self._scales(ratio), known)
+        self._parts.append((block.data, block.valid, known, ratio))
         self._y = np.vstack([self._y, states])
         away = self._y[:, 0] if self.name == "longitudinal" else np.zeros(1)
         self.regression.place = V0, float(away.mean()), float(np.mean(away**2))
@@ -268,10 +299,8 @@ class Plane:
         Forces and moments go with dynamic pressure, those by rates with airspeed; the flow angle turns by force over
         airspeed. So the values are those at trim, however the speed has changed.
         """
-        by = [n.partition("_")[2] for n in self.regression.names]
-        powers = np.array([{"V": 0.0, "p": 1.0, "q": 1.0, "r": 1.0}.get(variable, 2.0) for variable in by])[None]
         turn = np.where(np.array(self.structure.states) == self.structure.states[0], 1.0, 0.0)[:, None]
-        out: FloatArray = ratio[:, None, None] ** (powers - turn)
+        out: FloatArray = ratio[:, None, None] ** (by_airspeed(self.regression.names) - turn)
         return out
 
     def believed_at(self, point: Point) -> tuple[FloatArray, FloatArray]:
@@ -282,9 +311,8 @@ class Plane:
         told = dimensional_derivatives(point.model, point.trimmed)
         values = true_parameters(self.structure.meaning, told, point.V_m_s)
         names = self.regression.names
-        scales = self._scales(np.array([point.V_m_s / self.believed.at.V]))[0]
-        turns = [0 if n[0] in "YZ" else 1 for n in names]  # the equation of the flow angle, or one of a moment
-        return np.array([values.get(n, 0.0) for n in names]), scales[turns, np.arange(len(names))]
+        scales = (point.V_m_s / self.believed.at.V) ** by_airspeed(names)
+        return np.array([values.get(n, 0.0) for n in names]), scales
 
     def _with_angle(self, z: FloatArray, valid: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return states with the flow angle integrated from rates and forces, z being deviations from trim."""
@@ -315,6 +343,8 @@ class Plane:
         freedom = max(2.0 * len(self.regression.lines) * float(np.mean(fit.weights)) - len(std) / 2.0, 1.0)
         out = []
         for name, value, error in zip(self.regression.names, fit.step.tolist(), std.tolist(), strict=True):
+            if error > _NOTHING * max(abs(value), abs(self.before.get(name) or 0.0)):
+                continue  # its control has not moved
             believed = self.before.get(name) or None
             share = self.wanted.get(name, self.wanted.get("", 0.0)) if name in self.targets else 0.0
             goal = share * abs(believed if believed else value)
@@ -335,8 +365,7 @@ class Plane:
         noise = np.maximum([self.noise(self.structure.states[i]) for i in read], _QUIETEST)
         if "V" in self.structure.inputs:
             inputs = np.column_stack([inputs, self._smooth_speed(quiet[:, -m - 1])])
-        acting = np.array([self.noise(source) for source in self.sources.values()])
-        watched = Watched(self.expected.bank(self.believed, read, noise, acting, states, inputs))
+        watched = Watched(self.expected.bank(self.believed, read, noise, self._acting, states, inputs))
         self._waiting = [np.hstack([inputs, np.zeros((len(inputs), n))]), states, np.ones(states.shape, bool)]
         self._slow_V, self._lead_taken = 0.0, len(self._run)
         return watched

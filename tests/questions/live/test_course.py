@@ -69,7 +69,7 @@ def test_information_that_is_known_makes_the_rest_shorter_and_leaves_cards_out()
     unlike = 0.5 * at / 0.1 / 0.05  # of a derivative at the other speed, by the prior of its change, over 5 %
     one = next(e for (n, name), e in zip(known.of, errors, strict=True) if n == 2 and name == "M_de")
     here = known.at[2][0][known.names.index("M_de")]  # what is believed there, over that at the first speed
-    assert one == pytest.approx(np.hypot(np.hypot(unlike, unlike * at / 0.1) / here, 0.03 / 0.05), rel=0.02)
+    assert one == pytest.approx(np.hypot(unlike, unlike * at / 0.1) / abs(here), rel=0.02)
     ahead = out.outlook({1: 1})
     assert set(ahead.order) <= {2}
     assert 1 in ahead.spare
@@ -91,18 +91,22 @@ def test_a_plan_ends_when_what_it_wants_is_known_and_that_is_right():
             card = session.next_card
 
     samples, how = [], {"aircraft": plan().aircraft, "plan": plan(), "draws": 0}
-    for _ in fly_along(Source("flight", arriving()), **how, session=session, keep=samples.append):
+    for _ in fly_along(Source("flight", arriving(), careful="awaited"), **how, session=session, keep=samples.append):
         pass
     again = [u.line() for u in fly_along(Source("again", iter(samples)), **how)]
     assert again == [u.line() for u in session.updates]
+    careful = [called(c) for c in session.calls if c.kind == "careful"]
+    assert len(careful) >= len(flown) - 1
+    assert careful[0].startswith("card 1, careful: M_")
+    assert "; live said " in careful[0]
     assert flown[0] == 1
     assert 2 in flown
     assert len(flown) < 6
     assert session.outlook is not None
     assert session.outlook.card == 0
     said = [called(c) for c in session.calls if c.kind == "next"]
-    assert any("next card 2: " in text and "can be left out" in text for text in said)
-    assert said[-1].startswith("nothing is left to fly: ")
+    assert any("next card 2: " in text for text in said)
+    assert said[-1] == "nothing is left to fly: cards 1 and 2 can be left out"
     for point in plan().points:
         truth = {d.name: d.held for d in dimensional_derivatives(point.model, point.trimmed)}
         claimed = session.course.claimed(point)
