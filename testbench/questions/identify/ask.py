@@ -101,8 +101,7 @@ def _identified(
     met = limits_met(servos, description.believes(servos), [record for _, record in records])
     questions = questions_of(records, description.file, strict)
     failed: list[FailedCell] = []
-    dt_s = records[0][1].dt_s * description.preparation.decimate
-    asked = description.changed(identification=description.asked_of(servos, dt_s))
+    asked = description.changed(identification=description.asked_of(servos))
     cases = identify_and_judge(flights, asked, say, causes=True, failed=failed)
     say("try remedies of the fit")
     cases, replaced, cured, rivals = mended_cases(cases, instruments.gusts_felt)

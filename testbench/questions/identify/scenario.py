@@ -6,20 +6,18 @@ what is identified from it. It holds no code; a scenario's ``preparation`` and `
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from testbench.aircraft.adapter import SURFACES
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import find_scenario
 from testbench.core.scenario.base import AircraftName, Preparation
 from testbench.core.schema import Positive, Strict
 from testbench.estimators.identification import Identification
-from testbench.estimators.settings import OutputErrorEntry
-from testbench.estimators.structured import STRUCTURE_NAMES, Servo, Structured
+from testbench.estimators.structured import Servo, Structured
 from testbench.logs.layout import Recorded, Text
 from testbench.pooling import TrendVariable
 
@@ -90,22 +88,6 @@ def believed(estimator: Structured, servos: Mapping[str, Servo]) -> Structured:
     return estimator.model_copy(update={"start": start, "prior_std": spread})
 
 
-def timed(estimator: Structured, inputs: Sequence[str], dt_s: float) -> Structured:
-    """Return output error in which surfaces act at a time of their own, within a sample, where nobody says when.
-
-    A surface that jumps between two samples, as a control law moves it, acts at another time than the line between
-    them: residuals look like noise, and the derivatives of the surface and dampings are off.
-    """
-    if not isinstance(estimator, OutputErrorEntry) or "late_std_s" in estimator.model_fields_set:
-        return estimator
-    if estimator.equations is None and estimator.structure not in STRUCTURE_NAMES:
-        return estimator
-    moved = set(estimator.inputs or inputs) & set(SURFACES) - {*estimator.servo, *estimator.delays_s}
-    if (own := estimator.equations) is not None:
-        moved &= set(own.driven_by(own.reached(own.trees.values())[1]))
-    return estimator.model_copy(update={"late_std_s": dict.fromkeys(sorted(moved), dt_s)})
-
-
 class RecordDescription(Recorded):
     """Recorded flights, and what to identify from them.
 
@@ -143,24 +125,16 @@ class RecordDescription(Recorded):
         given = self.identification.outputs
         return given or tuple(name for name in self.channels if name not in self.identification.inputs)
 
-    def asked_of(self, servos: Mapping[str, Servo], dt_s: float) -> Identification:
+    def asked_of(self, servos: Mapping[str, Servo]) -> Identification:
         """Return the identification with ``servos`` at every estimator of a structure that says nothing of its own.
-
-        Surfaces may act a sample ``dt_s`` late or early (:func:`timed`).
 
         Where a lag is to be estimated, that of ``servos`` is its start, and its prior if it has one (:func:`believed`).
         """
         given = {**servos, **self.servo}
         estimators = tuple(
-            timed(
-                believed(
-                    e.model_copy(
-                        update={"servo": {**{n: s for n, s in given.items() if n not in e.delays_s}, **e.servo}}
-                    ),
-                    servos,
-                ),
-                self.identification.inputs,
-                dt_s,
+            believed(
+                e.model_copy(update={"servo": {**{n: s for n, s in given.items() if n not in e.delays_s}, **e.servo}}),
+                servos,
             )
             if isinstance(e, Structured)
             else e

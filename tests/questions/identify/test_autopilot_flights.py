@@ -66,7 +66,7 @@ def test_the_servo_that_an_aircraft_states_is_what_is_believed_of_an_estimated_l
     written = write_import(import_log(logs[1]["px4"], throw_rad=THROWS), logs[1]["px4"].parent / "believed")
     asked = RecordDescription.load(next(p for p in written if p.stem.endswith("lateral")))
     servos = {"da_cmd": Servo(lag_s=0.03, rate_limit_deg_s=150.0)}
-    entry = asked.asked_of(servos, 0.02).estimators[0]
+    entry = asked.asked_of(servos).estimators[0]
     assert entry.start == {"tau_da": 0.03, "tau_dr": 0.05}
     assert entry.prior_std == pytest.approx({"tau_da": 0.006, "tau_dr": 0.03})
     assert entry.servo["da_cmd"].lag_s == entry.servo["da_cmd"].delay_s == "estimate"

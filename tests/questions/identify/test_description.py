@@ -197,18 +197,3 @@ def test_our_descriptions_cite_printed_results_and_look_beside_the_checkout(name
     assert {"wn_rad_s", "zeta", "source"} <= set(description.reference_values)
     assert "not for redistribution" in description.rights
     assert description.folder == "../../../shared/flight_data"
-
-
-def test_a_surface_of_which_nobody_says_when_it_acts_may_act_within_a_sample(tmp_path):
-    entries = {
-        "plain": '"output_error"\nstructure = "longitudinal"',
-        "said": '"output_error"\nstructure = "longitudinal"\nlate_std_s = {}',
-        "delayed": '"output_error"\nstructure = "longitudinal"\ndelays_s = { de = 0.02 }',
-        "equations": '"equation_error"\nstructure = "longitudinal"',
-    }
-    text = "".join(f'[[identification.estimators]]\nlabel = "{n}"\nmethod = {e}\n' for n, e in entries.items())
-    file = tmp_path / "flight.toml"
-    file.write_text(GOOD[: GOOD.index("[[identification.estimators]]")] + text, encoding="utf-8")
-    asked = RecordDescription.load(file).asked_of({}, 0.02)
-    found = {e.shown: getattr(e, "late_std_s", None) for e in asked.estimators}
-    assert found == {"plain": {"de": 0.02}, "said": {}, "delayed": {}, "equations": None}
