@@ -134,9 +134,9 @@ def test_parquet_without_pyarrow_names_the_extra(tmp_path, monkeypatch):
 
     (tmp_path / "p.parquet").write_bytes(b"PAR1")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(RecordError, match=r"p\.parquet.*pip install 'flight-testbench\[parquet\]'"):
+    with pytest.raises(RecordError, match=r"p\.parquet.*pip install '.*\[parquet\]'"):
         read_table(tmp_path / "p.parquet", "parquet")
-    with pytest.raises(RecordError, match=r"pip install 'flight-testbench\[parquet\]'"):
+    with pytest.raises(RecordError, match=r"pip install '.*\[parquet\]'"):
         synthetic().save_parquet(tmp_path / "q.parquet")
 
 

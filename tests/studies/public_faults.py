@@ -234,8 +234,11 @@ the product. Surfaces are not recorded in these tables: their faults can be call
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?", help="that holds clones of fault_detection and htm-state")
     folder, start = parser.parse_args().folder, time.process_time()
+    if folder is None:
+        print("a folder of clones must be given: make public-faults ARGS=FOLDER")
+        return
     steps = drawn(folder / "fault_detection/SVM/plots/flights_all.pdf")
     days: tuple[tuple[str, tuple[str, ...]], ...] = (("13", ()), ("17", ()), ("21", ()), ("23", ()), ("23", ("21",)))
     rows = [row for day, others in days for row in judge_enac(folder / "fault_detection", day, others, steps)]

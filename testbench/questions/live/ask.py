@@ -187,6 +187,11 @@ def fly_along(
         )
 
 
+def _apart(points: Mapping[int, float], V_m_s: float, number: int) -> float:
+    """Return how far the airspeed of a point lies from one that was flown, m/s."""
+    return abs(points[number] - V_m_s)
+
+
 class _Follower:
     """Everything that is remembered of a flight between updates."""
 
@@ -246,8 +251,8 @@ class _Follower:
         V = self.clock.mean("V", LISTEN_S, self.aircraft.design_V_m_s)
         self.flies = _SLOW * low <= V <= high / _SLOW  # on the ground nothing is believed, nor out of limits
         calls = [*self._limits(block, t_s), *self._instruments(block, t_s)] if self.flies else []
-        changed, found = self._changes(block, t_s)
-        calls += found
+        changed, different = self._changes(block, t_s)
+        calls += different
         self._believe(block)
         self._draw()
         self.blocks.append(block)
@@ -321,7 +326,7 @@ class _Follower:
         if not flown or flown[-1].begun_s in self.asked:
             return
         self.asked.add(flown[-1].begun_s)
-        of = [min(points, key=lambda n, V=run.V_m_s: abs(points[n] - V), default=0) for run in flown]
+        of = [min(points, key=partial(_apart, points, run.V_m_s), default=0) for run in flown]
         runs = [run for run, point in zip(flown, of, strict=True) if point == of[-1]]
         runs = runs[(len(runs) - 1) // TOGETHER * TOGETHER :]
         said = Careful(plane.name, tuple(run.number for run in runs), runs[-1].begun_s)

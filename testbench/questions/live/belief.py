@@ -193,7 +193,8 @@ class Expected:
         D = self.directions[:, at]
         weight = np.linalg.solve(covariance + np.diag((LEAST_FORM * values) ** 2), D.T)
         P = np.linalg.inv(np.eye(len(D)) + D @ weight)
-        return self.learnt(P @ (weight.T @ (values - self.params[at])), P)
+        mean = P @ (weight.T @ (values - self.params[at]))
+        return self.learnt(np.asarray(mean, dtype=np.float64), np.asarray(P, dtype=np.float64))
 
     def learnt(self, mean: FloatArray, covariance: FloatArray) -> Expected:
         """Return what is expected after a run said of multiples z of the directions that z ~ N(mean, covariance).

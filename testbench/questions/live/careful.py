@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import connection
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 from scipy.signal import cont2discrete
@@ -75,7 +75,7 @@ class Careful:
     def read(cls, told: dict[str, Any]) -> Self:
         """Return one from what ``dataclasses.asdict`` made of it, by way of JSON."""
         rows = tuple(tuple(float(x) for x in row) for row in told.pop("covariance"))
-        lists = {name: tuple(told.pop(name)) for name in ("numbers", "names", "values")}
+        lists: dict[str, Any] = {name: tuple(told.pop(name)) for name in ("numbers", "names", "values")}
         return cls(covariance=rows, **lists, **told)
 
 
@@ -90,7 +90,7 @@ def identified(expected: Expected, runs: Sequence[Run], said: Careful) -> Carefu
     """
     full, params = expected.structure, expected.params
     moved = {name for run in runs for name in run.moved}
-    structure = structure_of(said.plane, full.trim, [n for n in full.inputs if n in moved])
+    structure = structure_of(said.plane, cast(Any, full).trim, [n for n in full.inputs if n in moved])
     own = structure.parameter_names
     structure = structure.with_parameters(fixed=[n for n in own if n.endswith("_0")])
     at = [full.parameter_names.index(n) for n in own]

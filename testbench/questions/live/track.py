@@ -108,7 +108,7 @@ class Plane:
         self._still_s, self._said = 0.0, ""
         self._watched: Watched | None = None
         self._waiting: list[Any] = []
-        self._parts: list[tuple[FloatArray, ...]] = []
+        self._parts: list[tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]] = []
         self.runs: list[Run] = []
         self.active, self._lost_s, self._learnt = False, 0.0, False
 
