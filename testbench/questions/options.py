@@ -25,6 +25,9 @@ DataOption = Annotated[
 ]
 AircraftOption = Annotated[str | None, typer.Option(help="Aircraft that flies, instead of the scenario's.")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse implausible values.")]
+BeginningOption = Annotated[
+    float, typer.Option(min=1.0, max=36000.0, help="With --changes: flight that is nominal at the beginning, s.")
+]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the one in the scenario.")]
 
 UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings

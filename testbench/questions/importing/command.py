@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import StrictOption, UsageError, refuse, with_figures
+from testbench.questions.options import BeginningOption, StrictOption, UsageError, refuse, with_figures
 
 _NOT_TO_DESCRIBE = (
     "out", "rate", "throw", "unit", "axes", "lead", "tail", "cut", "record", "imu", "airspeed", "gps", "baro", "ekf",
@@ -77,9 +77,7 @@ def command(
     changes: Annotated[
         bool, typer.Option("--changes", help="Say whether something has changed in flight, when and in which part.")
     ] = False,
-    beginning: Annotated[
-        float, typer.Option(min=1.0, max=36000.0, help="With --changes: flight that is nominal at the beginning, s.")
-    ] = 60.0,
+    beginning: BeginningOption = 60.0,
     nominal: Annotated[
         list[Path] | None,
         typer.Option(help="With --changes: another log of the aircraft, in which nothing changed; may be repeated.",

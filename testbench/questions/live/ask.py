@@ -29,7 +29,7 @@ from testbench.questions.live.course import Course, Outlook
 from testbench.questions.live.stream import Sample, Source
 from testbench.questions.live.track import QUIET_S, Estimate, Plane
 from testbench.questions.plan.close import FlownRun, close_plan
-from testbench.questions.plan.result import Card, Plan
+from testbench.questions.plan.result import Card, Plan, Point
 
 UPDATE_S = 0.5
 LISTEN_S = 3.0
@@ -187,11 +187,6 @@ def fly_along(
         )
 
 
-def _apart(points: Mapping[int, float], V_m_s: float, number: int) -> float:
-    """Return how far the airspeed of a point lies from one that was flown, m/s."""
-    return abs(points[number] - V_m_s)
-
-
 class _Follower:
     """Everything that is remembered of a flight between updates."""
 
@@ -319,15 +314,19 @@ class _Follower:
             self.course.learn(plane)
             self.ahead = True
 
+    def _point(self, V_m_s: float) -> Point | None:
+        """Return the point of the plan whose airspeed is nearest; None without a plan."""
+        points = () if self.plan is None else self.plan.points
+        return min(points, key=lambda p: abs(p.V_m_s - V_m_s), default=None)
+
     def _ask(self, plane: Plane, beside: Beside) -> None:
         """Let the runs of a plane at one point be identified carefully, once there is a new one."""
-        points = {} if self.plan is None else {p.number: p.V_m_s for p in self.plan.points}
         flown = [run for run in plane.runs if set(run.moved) & set(CONTROLS[plane.name])]
         if not flown or flown[-1].begun_s in self.asked:
             return
         self.asked.add(flown[-1].begun_s)
-        of = [min(points, key=partial(_apart, points, run.V_m_s), default=0) for run in flown]
-        runs = [run for run, point in zip(flown, of, strict=True) if point == of[-1]]
+        of = [self._point(run.V_m_s) for run in flown]
+        runs = [run for run, point in zip(flown, of, strict=True) if point is of[-1]]
         runs = runs[(len(runs) - 1) // TOGETHER * TOGETHER :]
         said = Careful(plane.name, tuple(run.number for run in runs), runs[-1].begun_s)
         beside.begin((plane.name, runs[0].number), partial(identified, plane.so_far, runs, said))
@@ -389,9 +388,8 @@ class _Follower:
             return
         usual = {"V": self.aircraft.design_V_m_s, "h": self.aircraft.design_h_m}
         V, h = (self.clock.mean(n, LISTEN_S, x) for n, x in usual.items())
-        if self.plan is not None:  # what a run has made of the speed is none that a plan wants anything of
-            point = min(self.plan.points, key=lambda p: abs(p.V_m_s - V))
-            V, h = point.V_m_s, point.h_m
+        if (point := self._point(V)) is not None:
+            V, h = point.V_m_s, point.h_m  # what a run has made of the speed is none that a plan wants anything of
         if abs(V - self.V) <= _OTHER_SPEED * self.V:
             return
         self.V, self.h, self.planes = V, h, {}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from testbench.page.terminal import console, manner
-from testbench.questions.options import OutOption, UsageError, with_figures
+from testbench.questions.options import BeginningOption, OutOption, UsageError, with_figures
 
 if TYPE_CHECKING:
     from contextlib import ExitStack
@@ -57,9 +57,7 @@ def command(
     changes: Annotated[
         bool, typer.Option("--changes", help="Watch for what changes in flight, from its own beginning on.")
     ] = False,
-    beginning: Annotated[
-        float, typer.Option(min=1.0, max=36000.0, help="With --changes: flight that is nominal at the beginning, s.")
-    ] = 60.0,
+    beginning: BeginningOption = 60.0,
     bell: Annotated[bool, typer.Option("--bell", help="Ring the bell of the terminal at every stop.")] = False,
     out: OutOption = Path("results"),
 ) -> None:  # fmt: skip
