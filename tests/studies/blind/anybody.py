@@ -10,6 +10,7 @@ import argparse
 import csv
 import hashlib
 import json
+import math
 import os
 import sys
 import tempfile
@@ -42,8 +43,10 @@ from testbench.core.proportion import proportion_interval
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.air import ONSET_S, Air
+from testbench.inference.calibrate import EDGES
 from testbench.questions import hidden
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.onset import LATER
 from testbench.questions.gap.priors import deviations_of
 from testbench.questions.gap.starts import Start
 from testbench.questions.gap.workflow import GapSearch, find_gap
@@ -625,7 +628,7 @@ def part_is_right(case: Case, row: Mapping[str, Any]) -> bool:
 
 def effect_in_set(case: Case, row: Mapping[str, Any]) -> bool:
     """Return whether the credible set holds an effect that is right for each kind."""
-    said = {single for name in row.get("credible", ()) for single in name.split(" + ")}
+    said = {single.removesuffix(LATER) for name in row.get("credible", ()) for single in name.split(" + ")}
     return all(said & set(KINDS[k].names.split()) for k in case.kinds)
 
 
@@ -671,8 +674,46 @@ def _wrong(case: Case, coefficient: str, factor: float, error: float) -> bool:
 _CONTROL = {"elevator": "_de", "aileron": "_da", "rudder": "_dr"}
 
 
+def figures(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, float, int, str]]:
+    """Return (figure, value, of, bar) of the rows that are no rates."""
+    run = [(c, rows[c.name]) for c in cases if c.name in rows and rows[c.name]["outcome"] != "failed"]
+    said = []  # (stated probability, whether that is right) of what the first sentence says
+    for c, r in run:
+        in_library = all(KINDS[k].form == "library" for k in c.kinds)
+        if r["outcome"] == "no gap":
+            said.append((r["nothing"], not c.kinds))
+        elif r["outcome"] in ("unexplained", "partial"):
+            said.append((r["unknown"], not in_library))
+        else:
+            said.append((r["part"], part_is_right(c, r)))
+    stated, right = np.array(said, dtype=float).reshape(-1, 2).T
+    place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
+    classes = [place == k for k in set(place.tolist())]
+    error = sum(abs(stated[here].mean() - right[here].mean()) * here.mean() for here in classes)
+    library = [r for c, r in run if c.kinds and not c.outside and all(KINDS[k].form == "library" for k in c.kinds)]
+    removed = [r["removed"] for c, r in run if c.kinds and r["removed"] is not None]
+    seconds = [r["seconds"] for _, r in run]
+    return [
+        ("expected calibration error of what is said", float(error), len(run), "<= 0.05"),
+        ("library form: effects in the credible set, median", _median([len(r["credible"]) for r in library]),
+         len(library), "<= 2"),
+        ("held-out excess removed where anything is hidden, median", _median(removed), len(removed), ">= 0.8"),
+        ("processor time of a case, median, s", _median(seconds), len(seconds), "<= 5"),
+        ("processor time of a case, 95 %, s", float(np.quantile(seconds, 0.95)) if seconds else math.nan, len(seconds),
+         "<= 15"),
+    ]  # fmt: skip
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values)) if len(values) else math.nan
+
+
 def report(folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> None:
-    """Write rates.csv and cases.csv."""
+    """Write rates.csv, figures.csv and cases.csv."""
+    with (folder / "figures.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["figure", "value", "of", "bar"])
+        writer.writerows([n, f"{x:.3g}", of, bar] for n, x, of, bar in figures(cases, rows) if of)
     with (folder / "rates.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["rate", "count", "of", "low", "high", "bar"])
@@ -692,7 +733,7 @@ def report(folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, 
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Seal the answers, run the cases that have no row yet, and write rates and cases."""
+    """Seal the answers, run the cases that have no row yet, and write rates, figures and cases."""
     parser = argparse.ArgumentParser(prog="python -m studies.blind.anybody", description=__doc__)
     parser.add_argument("--draw", choices=[*SEEDS], default="B")
     parser.add_argument("--seed", type=int, help="of a trial, in place of that of the draw")

@@ -10,6 +10,7 @@ from studies.blind.score import judge
 
 from testbench.effects import catalogue, library
 from testbench.flight import load_aircraft
+from testbench.questions.gap.onset import LATER
 from testbench.questions.gap.parts import part_names
 from testbench.sensors import load_suite
 
@@ -72,6 +73,7 @@ def parts_said(names: Iterable[str]) -> set[str]:
 
 
 def _part(name: str) -> tuple[str, ...]:
+    name = name.removesuffix(LATER)
     if name in _LIBRARY:
         return ("air",) if name == "gust" else part_names(_LIBRARY[name])
     coefficient, _, term = name.replace(" by ", "_").partition("_")
