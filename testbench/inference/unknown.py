@@ -47,7 +47,7 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
     """
     states = forced_states(linear)
     n, dt = len(record), record.dt_s
-    width, knot = (max(1, round(t / dt)) for t in (PULSE_S, PATH_S))
+    width = max(1, round(PULSE_S / dt))
     out = []
     for state in states:
         push, direct = np.zeros(len(linear.states)), np.zeros(len(channels))
@@ -56,14 +56,24 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
             direct[list(channels).index(str(read))] = V_m_s if state in ("alpha", "beta") else 1.0
         pulse = np.where(np.arange(n) < width, rms_acceleration(state, V_m_s, record), 0.0)
         out += _shifted(forced(linear, channels, push, direct, pulse[:, None], dt)[:, :, 0], width)
-    hat = np.concatenate([np.arange(knot), np.arange(knot, 0, -1)]) / knot
     for surface in (c for c in channels if c in linear.inputs):
-        k = linear.inputs.index(surface)
-        outputs = list(linear.outputs)
-        direct = np.array([linear.D[outputs.index(c), k] if c in outputs else 0.0 for c in channels])
-        pulse = float(np.nanstd(record[surface])) * np.pad(hat, (0, n))[:n]
-        out += _shifted(forced(linear, channels, linear.B[:, k], direct, pulse[:, None], dt)[:, :, 0], knot)
+        out += deflections(linear, channels, surface, float(np.nanstd(record[surface])), np.arange(n) * dt)
     return np.stack(out, axis=2)
+
+
+def deflections(
+    linear: LinearModel, channels: Sequence[str], control: str, size: float, t_s: FloatArray
+) -> list[FloatArray]:
+    """Return what deflections of an input of the model do to the channels, (n, p) each.
+
+    Each is ``size`` at one of the knots, 0.1 s apart, and straight lines to zero at those beside it.
+    """
+    k, outputs, dt_s = linear.inputs.index(control), list(linear.outputs), float(t_s[1] - t_s[0])
+    knot = max(1, round(PATH_S / dt_s))
+    hat = np.concatenate([np.arange(knot), np.arange(knot, 0, -1)]) / knot
+    direct = np.array([linear.D[outputs.index(c), k] if c in outputs else 0.0 for c in channels])
+    pulse = size * np.pad(hat, (0, len(t_s)))[: len(t_s)]
+    return _shifted(forced(linear, channels, linear.B[:, k], direct, pulse[:, None], dt_s)[:, :, 0], knot)
 
 
 def forced_states(linear: LinearModel) -> list[str]:

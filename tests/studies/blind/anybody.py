@@ -52,7 +52,8 @@ from testbench.questions.gap.starts import Start
 from testbench.questions.gap.workflow import GapSearch, find_gap
 from testbench.sensors import SensorSuite
 
-SEEDS = {"A": 20281201, "B": 20281202}  # on A the product may be calibrated; B is what is reported
+# On A the product may be calibrated; B was opened at 13 cases, one of which mended a kind; C is what is reported.
+SEEDS = {"A": 20281201, "B": 20281202, "C": 20281203}
 SURE = 0.9  # stated probability from which a part counts as called
 CONTROLS = ("de", "da", "dr", "thr")
 GEOMETRY = Path(__file__).with_name("uav.toml")
@@ -735,7 +736,7 @@ def report(folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, 
 def main(arguments: list[str] | None = None) -> int:
     """Seal the answers, run the cases that have no row yet, and write rates, figures and cases."""
     parser = argparse.ArgumentParser(prog="python -m studies.blind.anybody", description=__doc__)
-    parser.add_argument("--draw", choices=[*SEEDS], default="B")
+    parser.add_argument("--draw", choices=[*SEEDS], default="C")
     parser.add_argument("--seed", type=int, help="of a trial, in place of that of the draw")
     parser.add_argument("--out", type=Path, default=Path("results/gap/anybody"))
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)

@@ -36,7 +36,8 @@ from testbench.questions.gap.flights import linear_along
 from testbench.questions.gap.starts import record_key
 from testbench.sensors import Sensor
 
-_FORMING = 5  # states of the forming filters: one of u, two of v, two of w
+COMPONENT = (0, 1, 1, 2, 2)  # u, v or w of each state of the forming filters
+FORMING = len(COMPONENT)
 _LAG_SHARE = 0.2  # of a sample: shorter lags and delays of sensors are left out
 # Process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing.
 _UNMODELLED = 1e-5
@@ -103,7 +104,7 @@ class GustModel:
         """
         names, A, C = _with_surfaces(believed, linear)
         n, rates = len(names), [believed.condition.V_m_s / length for length in scale_lengths(height_m)]
-        G, noise = np.zeros((_FORMING, _FORMING)), [np.sqrt(2.0 * rates[0])]
+        G, noise = np.zeros((FORMING, FORMING)), [np.sqrt(2.0 * rates[0])]
         G[0, 0] = -rates[0]
         for k, a in ((1, rates[1]), (3, rates[2])):
             G[k, k] = G[k + 1, k + 1] = -a
@@ -115,12 +116,12 @@ class GustModel:
         sensors = [s for s in believed.suite.sensors if s.channel in believed.outputs]
         own, direct = _read(believed, sensors, C, linear.outputs, E)
         lags = [(k, s.lag_s + s.delay_s) for k, s in enumerate(sensors) if s.lag_s + s.delay_s > _LAG_SHARE * dt_s]
-        size, gust = n + _FORMING + len(lags), slice(n, n + _FORMING)
+        size, gust = n + FORMING + len(lags), slice(n, n + FORMING)
         M, driven = np.zeros((len(A), size, size)), np.zeros(size)
         M[:, :n, :n], M[:, :n, gust], M[:, gust, gust] = A, -rows * (A @ E), G
         driven[[n, n + 1, n + 3]] = noise
         H = np.concatenate([own, direct, np.zeros((*own.shape[:2], len(lags)))], axis=2)
-        for j, (k, lag) in enumerate(lags, n + _FORMING):  # a delay stands as a lag: close where turbulence is
+        for j, (k, lag) in enumerate(lags, n + FORMING):  # a delay stands as a lag: close where turbulence is
             M[:, j] = H[:, k] / lag
             M[:, j, j] = -1.0 / lag
             H[:, k] = np.eye(size)[j]
@@ -200,11 +201,11 @@ def _moving(believed: Believed) -> tuple[str, ...]:
 def _felt(names: Sequence[str], height_m: float, theta: FloatArray) -> FloatArray:
     """Return E (k, n, 5): the air's velocity in body axes, wings level, of the states of the forming filters."""
     rms, transverse = turbulence_rms(1.0, height_m), np.array([np.sqrt(3.0), 1.0 - np.sqrt(3.0)])
-    wind = np.zeros((3, _FORMING))  # along the heading, to the right, down
+    wind = np.zeros((3, FORMING))  # along the heading, to the right, down
     wind[0, 0], wind[1, 1:3], wind[2, 3:5] = rms[0], rms[1] * transverse, rms[2] * transverse
     cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
     felt = {"u": cos * wind[0] - sin * wind[2], "v": wind[1], "w": sin * wind[0] + cos * wind[2]}
-    E = np.zeros((theta.size, len(names), _FORMING))
+    E = np.zeros((theta.size, len(names), FORMING))
     for i, name in enumerate(names):
         E[:, i] = felt.get(name, 0.0)
     return E

@@ -1,8 +1,8 @@
 """How large is the noise really? Nobody knows that of a logger to the 2 % at which chi-square tells a gap from none.
 
-The noise is what no motion does: its scales are estimated beside re-tuned coefficients, an unknown motion of free size
-and a slow drift of every instrument (:mod:`testbench.inference.linear`), so that what the model lacks does not count
-as noise. The suite with these scales takes the place of the one that was stated.
+The noise is what no motion does: its scales are estimated beside re-tuned coefficients, an unknown motion of free size,
+turbulence and a slow drift of every instrument (:mod:`testbench.inference.linear`), so that neither what the model
+lacks nor a gust counts as noise. The suite with these scales takes the place of the one that was stated.
 
 Nor is it white: filters and averages of a logger let a sample depend on the one before. The noise of a channel is an
 autoregressive process of first order. Its coefficient a, the colour, comes to rest where the prewhitened noise e that
@@ -15,24 +15,33 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_lyapunov
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.air import LOWEST_M
 from testbench.inference.linear import Grams, Linearised, expected, fewer, prewhitened, sized
 from testbench.inference.parameters import NOISE_SPREAD, Source
-from testbench.inference.unknown import pulses
+from testbench.inference.unknown import deflections, pulses
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.search.point import Point
+from testbench.questions.gap.evidence.gust_filter import COMPONENT, FORMING, GustModel
+from testbench.questions.gap.search.point import Point, retune
 from testbench.sensors import SensorSuite
 
-_KAPPAS: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_KAPPAS: tuple[float, ...] = (1e-3, 1e-2, 0.03, 0.1, 0.3)
+_PART_S = 1.5  # of a record
+_MOST_PARTS = 16  # of all records, which tell a scale to 2 %: better than any source of it
+_GUST_SHARE = 0.5  # between changes of the gust, of the time constant of the quickest motion
+_RMS_M_S = 1.0  # of the turbulence, to begin with: less would leave the rest of strong turbulence to coloured noise
+_FINER = 2.0  # steps of the size of an unknown motion, once it is about right
 _DRIFT_S = 1.0  # between the knots of an instrument's drift: slower than any noise, quicker than any wander
 _SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of, a colour from 0 before it is one
 _COLOURED = 0.1  # of a sample's variance comes a hundredth from the one before: less is not spoken of
 _MOST = 0.95  # colour: beyond it noise is a drift
-_PRIORS = 2.0  # prior standard deviations of a scale: beyond, gusts count as noise, and the colour is theirs
-_ROUNDS = 6
+_ROUNDS = 15
 _AT_REST = 0.01  # of the colour
 
 
@@ -96,39 +105,41 @@ def find_noise(
 
     ``source`` is that of the stated noise; ``model`` is the believed aircraft with an effect, if one was found.
     """
-    point = Point.at(believed, model or believed, tuple(records))
-    parts = []
-    for record, left, tangents in zip(
-        records, point.by_record(point.exact), point.by_record(point.tangents), strict=True
-    ):
-        there = believed.at(record)
-        unknown = [pulses(there.linear, believed.outputs, there.condition.V_m_s, record), _drifts(believed, record)]
-        taken = believed.taken(record)
-        U = np.concatenate(unknown, axis=2) / believed.noise_std[:, None]
-        U -= np.where(taken[:, :, None], U, 0.0).sum(axis=0) / np.maximum(taken.sum(axis=0), 1)[:, None]
-        parts.append((left, -tangents, fewer(U, taken), taken))
+    point = retune(Point.at(believed, model or believed, tuple(records)))
+    tuned = point.model.with_nuisances(point.by_name)
+    of, lefts, columns = [], point.by_record(point.exact), point.by_record(-point.tangents)
+    every = [(i, part) for i, record in enumerate(records) for part in _parts(record)]
+    unknown = [_Unknown(tuned, record) for record in records]
+    for i, at in [every[k] for k in np.unique(np.linspace(0, len(every) - 1, _MOST_PARTS).round().astype(int))]:
+        taken = believed.taken(records[i])[at]
+        of.append((lefts[i][at], columns[i][at], fewer(unknown[i].within(at), taken), *unknown[i].own(at), taken))
     p, std = len(believed.outputs), point.prior_std
     colour, spread, mean = np.zeros(p), np.full(p, NOISE_SPREAD[source]), -point.deviations * std
-    count = np.sum([taken.sum(axis=0) for *_, taken in parts], axis=0)
-    kappas, begin = _KAPPAS, None
+    count = np.sum([taken.sum(axis=0) for *_, taken in of], axis=0)
+    kappas, rms, begin = _KAPPAS, np.full(3, _RMS_M_S), None
     for _ in range(_ROUNDS):
-        blocks = [
-            Linearised(
-                prewhitened(left, colour, taken), prewhitened(T, colour, taken), U.prewhitened(colour, taken), taken
-            )
-            for left, T, U, taken in parts
-        ]
+        blocks = []
+        for left, T, U, starts, gusts, taken in of:
+            own = np.concatenate([starts, rms[component_of(gusts)] * gusts], axis=2)
+            y, X, own = (prewhitened(values, colour, taken) for values in (left, T, own))
+            blocks.append(Linearised(y, X, U.prewhitened(colour, taken), taken, own))
         grams, tried = [Grams.made(block) for block in blocks], []
         for kappa in kappas:  # beside the unknown motion whose size is most probable
             tried.append((sized(grams, mean, std, spread, kappa, begin), kappa))
             begin = tried[-1][0].scales
         best, kappa = max(tried, key=lambda one: one[0].log_density)
-        kappas, begin = (kappa,), best.scales
-        products, squares = np.zeros(p), np.zeros(p)
-        for block, (found, Sigma) in zip(blocks, expected(grams, begin, kappa, mean, std), strict=True):
-            r = len(found) - block.columns.shape[2]
+        rests = kappas is not _KAPPAS and kappa not in (kappas[0], kappas[-1])
+        kappas, begin = (kappa,) if rests else (kappa / _FINER, kappa, kappa * _FINER), best.scales
+        products, squares, gust, told = np.zeros(p), np.zeros(p), np.zeros(3), np.zeros(3)
+        around = zip(blocks, of, expected(grams, begin, kappa, mean, std), strict=True)
+        for block, (*_, starts, gusts, _), (found, Sigma) in around:
+            k, q = block.columns.shape[2], block.all_own.shape[2]
+            met = slice(k + starts.shape[2], k + q)
+            np.add.at(gust, component_of(gusts), found[met] ** 2)
+            np.add.at(told, component_of(gusts), 1.0 - np.diag(Sigma)[met])
             for c in range(p):
-                Z = np.concatenate([block.columns[:, c], block.unknown.response[c, :, :r]], axis=1)
+                moved = block.unknown.response[c, :, : len(found) - k - q]
+                Z = np.concatenate([block.columns[:, c], block.all_own[:, c], moved], axis=1)
                 counts = block.taken[:, c]
                 Z = np.where(counts[:, None], Z, 0.0)
                 e, spreads = np.where(counts, block.residual[:, c] - Z @ found, 0.0), Z @ Sigma
@@ -136,8 +147,8 @@ def find_noise(
                 products[c] += e[1:] @ e[:-1] + np.sum(spreads[1:] * Z[:-1])
         correlation, before = products / np.maximum(squares, 1e-12), colour
         colour = np.clip(colour + (1.0 - colour**2) * correlation, -_MOST, _MOST)
-        likely = np.abs(np.log(begin)) <= _PRIORS * spread  # what is far more than the noise moves
-        colour = np.where(likely & (np.abs(colour) * np.sqrt(count) > _SURE), colour, 0.0)
+        colour = np.where(np.abs(colour) * np.sqrt(count) > _SURE, colour, 0.0)
+        rms = rms * np.sqrt(gust / np.maximum(told, 1e-12))
         if np.max(np.abs(colour - before)) < _AT_REST:
             break
     each = zip(believed.outputs, best.scales.tolist(), (best.scales * best.log_errors).tolist(), strict=True)
@@ -145,13 +156,72 @@ def find_noise(
     return NoiseFound({n: (s, e) for n, s, e in each}, known)
 
 
-def _drifts(believed: Believed, record: FlightRecord) -> FloatArray:
-    """Return slow drifts of sensors (n, p, p knots): hats a second apart, as high as the channel's own motion."""
-    t = record.t_s - record.t_s[0]
-    knots = np.arange(0.0, t[-1] + _DRIFT_S, _DRIFT_S)
-    hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _DRIFT_S)
-    out = np.zeros((len(t), len(believed.outputs), len(believed.outputs) * len(knots)))
-    for i, name in enumerate(believed.outputs):
-        values = record[name]
-        out[:, i, i * len(knots) : (i + 1) * len(knots)] = float(np.nanstd(values)) * hats
-    return out
+def component_of(gusts: FloatArray) -> NDArray[np.int_]:
+    """Return the component of the gust, u, v or w, of each column."""
+    changes = (gusts.shape[2] - len(COMPONENT)) // 3
+    return np.array([*COMPONENT, *[0, 1, 2] * changes])
+
+
+def _parts(record: FlightRecord) -> list[slice]:
+    """Return parts of a record, each with an unknown start: sums over all that is unknown grow by its cube."""
+    n, long = len(record), max(1, round(_PART_S / record.dt_s))
+    ends = [*range(long, n - long // 2, long), n]
+    return [slice(a, b) for a, b in pairwise([0, *ends])]
+
+
+class _Unknown:
+    """What moves the aircraft or its instruments, and is no noise; of size 1, in units of the noise.
+
+    Pulses of acceleration and deflections of controls (:mod:`testbench.inference.unknown`), turbulence of rms 1
+    m/s, and drifts of instruments and states at the start of a part as large as the motion that was measured.
+    """
+
+    def __init__(self, tuned: Believed, record: FlightRecord) -> None:
+        there, outputs = tuned.at(record), tuned.outputs
+        self._dt_s, V, n = record.dt_s, there.condition.V_m_s, len(record)
+        moved = [pulses(there.linear, outputs, V, record)]
+        for control in there.linear.inputs:
+            if control not in outputs and (sent := f"{control}_cmd") in record:
+                size = float(np.nanstd(record[sent]))
+                moved.append(np.stack(deflections(there.linear, outputs, control, size, record.t_s), axis=2))
+        self._pulses = np.concatenate(moved, axis=2) / tuned.noise_std[:, None]
+        self._first = np.argmax(np.any(self._pulses != 0.0, axis=1), axis=0)
+        self._motion = np.maximum(np.array([float(np.nanstd(record[c])) for c in outputs]) / tuned.noise_std, 1.0)
+        calm = replace(there, whiten=None, colour={}, surface_noise={})
+        air = GustModel.at_trim(calm, max(there.condition.h_m, LOWEST_M), self._dt_s)
+        F, H, Q = air.F[0], air.H[0], air.Q[0]
+        quickest = np.max(np.abs(np.log(np.linalg.eigvals(F[: air.moving, : air.moving]))))  # rad a sample
+        self._stride = max(2, round(_GUST_SHARE / float(quickest)))
+        driven = []
+        for component in range(3):
+            of = air.moving + np.flatnonzero(np.array(COMPONENT) == component)
+            values, turn = np.linalg.eigh(Q[np.ix_(of, of)])
+            driven.append(Q[:, of] @ turn[:, -1] * np.sqrt(self._stride / values[-1]))
+        forming = slice(air.moving, air.moving + FORMING)
+        begun = np.zeros((len(F), FORMING))
+        stationary = solve_discrete_lyapunov(F[forming, forming], Q[forming, forming])
+        begun[forming] = np.linalg.cholesky(stationary + 1e-12 * np.eye(FORMING))
+        x = np.column_stack([np.eye(len(F))[:, : air.moving], begun, *driven])
+        most = min(n, 2 * round(_PART_S / self._dt_s))
+        response = np.empty((most, len(outputs), x.shape[1]))
+        for k in range(most):
+            response[k] = H @ x
+            x = F @ x
+        starts, self._met, self._driven = np.split(response, [air.moving, air.moving + FORMING], axis=2)
+        moved = np.sqrt(np.mean(starts**2, axis=0))  # (p, states)
+        self._starts = starts / np.maximum(np.max(moved / self._motion[:, None], axis=0), 1e-12)
+
+    def within(self, part: slice) -> FloatArray:
+        """Return what each but turbulence does to the channels in a part of the record, (n, p, m)."""
+        n, begun = part.stop - part.start, (part.start <= self._first) & (self._first < part.stop)
+        t = np.arange(n) * self._dt_s
+        knots = np.arange(0.0, t[-1] + _DRIFT_S, _DRIFT_S)
+        hats = np.maximum(0.0, 1.0 - np.abs(t[:, None] - knots) / _DRIFT_S)
+        drifts = np.einsum("tk,ic->tick", hats, np.diag(self._motion)).reshape(n, len(self._motion), -1)
+        return np.concatenate([self._pulses[part][:, :, begun], drifts], axis=2)
+
+    def own(self, part: slice) -> tuple[FloatArray, FloatArray]:
+        """Return what states at the start of a part, and what each change of turbulence of rms 1 m/s, do in it."""
+        n, driven = part.stop - part.start, self._driven
+        begun = [np.concatenate([np.zeros_like(driven[:k]), driven[: n - k]]) for k in range(1, n, self._stride)]
+        return self._starts[:n], np.concatenate([self._met[:n], *begun], axis=2)
