@@ -169,14 +169,26 @@ def ended(process: Any) -> str:
     return f"its process was ended by {signal.Signals(-code).name}: compiled code that crashes, or too little memory"
 
 
-def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
-    """Return the results of tasks that do not depend on one another, dealt to the processes in turn."""
-    count = min(_PROCESSES.get(), len(tasks))
-    if count <= 1:
-        return [task() for task in tasks]
+def spread(tasks: Sequence[Callable[[], T]], done: Callable[[int], None] = lambda number: None) -> list[T]:
+    """Return the results of tasks that do not depend on one another, dealt to the processes in turn.
+
+    ``done`` is called with about the number that is done, as this process ends each of its own.
+    """
+    count = max(1, min(_PROCESSES.get(), len(tasks)))
 
     def share(first: int) -> Callable[[], list[T]]:
-        return lambda: [task() for task in tasks[first::count]]
+        def results() -> list[T]:
+            out = []
+            for k, task in enumerate(tasks[first::count], 1):
+                out.append(task())
+                if not first:
+                    done(min(k * count, len(tasks)))
+            return out
+
+        return results
+
+    if count == 1:
+        return share(0)()
 
     out: list[Any] = [None] * len(tasks)
     with Ahead() as ahead:

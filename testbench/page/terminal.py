@@ -32,6 +32,8 @@ PLAIN = {
 _WORD = 26  # letters of a word that stand side by side at least; longer ones, such as paths, are broken
 _HEAD = 10  # letters of a word above numbers that stand side by side at least
 _WORDS = re.compile("(?<!±)[ \n](?!±)")  # what stands between words; "0.10 ± 0.02" is one
+_COUNTS = re.compile(r"\b(\d+) of (\d+)\b")
+_TOLD_S = 2.0  # that a stage has run before it is said how long it still takes
 _LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
@@ -134,20 +136,21 @@ def console() -> Any:
 def stages() -> Iterator[Callable[[str], None]]:
     """Show the stage that is running: a spinner with the time elapsed on a terminal, plain lines elsewhere.
 
-    "quiet" shows none, "verbose" a line for each with the seconds since the first.
+    "quiet" shows none, "verbose" a line for each with the seconds since the first. One that says how many are done,
+    "3 of 11", is followed by the time that the rest will take (:class:`TimeLeft`).
     """
     from rich.console import Console
 
     if manner().how == "quiet":
         yield lambda text: None
         return
-    screen = Console(stderr=True)
+    screen, left = Console(stderr=True), TimeLeft()
     if manner().how == "verbose":
         begun = time.monotonic()
-        yield lambda text: print(f"{time.monotonic() - begun:7.1f} s  {text}", file=sys.stderr, flush=True)
+        yield lambda text: print(f"{time.monotonic() - begun:7.1f} s  {left.added(text)}", file=sys.stderr, flush=True)
         return
     if not screen.is_terminal:
-        yield lambda text: print(f"... {text}", file=sys.stderr, flush=True)
+        yield lambda text: print(f"... {left.added(text)}", file=sys.stderr, flush=True)
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -155,7 +158,40 @@ def stages() -> Iterator[Callable[[str], None]]:
         SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=screen, transient=True
     ) as progress:
         task = progress.add_task("start", total=None)
-        yield lambda text: progress.update(task, description=text)
+        yield lambda text: progress.update(task, description=left.added(text))
+
+
+class TimeLeft:
+    """How long a stage will still take, by how long its parts have taken so far."""
+
+    def __init__(self) -> None:
+        self._stage: tuple[str, ...] = ()
+        self._first, self._begun_s = 0, 0.0
+
+    def added(self, text: str, now_s: float | None = None) -> str:
+        """Return a stage with the time left, if it says how many are done and some have been since it began.
+
+        ``now_s`` is the time in s, that of the clock if it is not given.
+        """
+        now = time.monotonic() if now_s is None else now_s
+        counts = _COUNTS.search(text)
+        if counts is None:
+            return text
+        stage = text[: counts.start()], counts[2], text[counts.end() :]
+        done, of = int(counts[1]), int(counts[2])
+        if stage != self._stage or done < self._first:
+            self._stage, self._first, self._begun_s = stage, done, now
+        if done == self._first or now - self._begun_s < _TOLD_S:
+            return text
+        left_s = (now - self._begun_s) / (done - self._first) * (of - done)
+        return f"{text}, {clock(left_s)} left" if left_s >= 1.0 else text
+
+
+def clock(seconds: float) -> str:
+    """Return a time as "0:07" or "1:02:03"."""
+    minutes, s = divmod(round(seconds), 60)
+    hours, m = divmod(minutes, 60)
+    return f"{hours}:{m:02d}:{s:02d}" if hours else f"{m}:{s:02d}"
 
 
 def print_answer(console: Console, answer: Answer, room: int | None = None) -> None:

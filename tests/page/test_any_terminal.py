@@ -14,7 +14,7 @@ from testbench import cli
 from testbench.__main__ import main
 from testbench.core import interrupts
 from testbench.page import terminal
-from testbench.page.terminal import open_streams, print_rows
+from testbench.page.terminal import TimeLeft, clock, open_streams, print_rows
 
 pytestmark = pytest.mark.drawn
 
@@ -125,3 +125,19 @@ def test_an_interrupt_of_what_does_not_listen_for_one_is_one_line_and_130(monkey
         main()
     assert end.value.code == 130
     assert capsys.readouterr().err == "interrupted; no result is left half written\n"
+
+
+def test_a_stage_that_counts_says_how_long_the_rest_will_take():
+    left = TimeLeft()
+    assert left.added("fit explanations, 2 of 11 converged", 100.0) == "fit explanations, 2 of 11 converged"
+    assert (
+        left.added("fit explanations, 3 of 11 converged", 101.0) == "fit explanations, 3 of 11 converged"
+    )  # too early
+    assert left.added("fit explanations, 5 of 11 converged", 130.0).endswith(
+        "converged, 1:00 left"
+    )  # 3 in 30 s, 6 left
+    assert left.added("fit explanations, 11 of 11 converged", 150.0).endswith("converged")
+    assert left.added("fit explanations, 1 of 11 converged", 151.0).endswith("converged")  # another round begins
+    assert left.added("fit explanations, 2 of 11 converged", 161.0).endswith("converged, 1:30 left")
+    assert left.added("write report", 170.0) == "write report"
+    assert clock(3723.0) == "1:02:03"

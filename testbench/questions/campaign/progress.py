@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from testbench.page.terminal import clock
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -47,12 +49,6 @@ def _lines(console: Console) -> Callable[[Progress], None]:
 
 
 def _words(p: Progress) -> str:
-    left = "" if p.left_s is None else f", {_clock(p.left_s)} left"
+    left = "" if p.left_s is None else f", {clock(p.left_s)} left"
     workers = f"{p.workers} worker{'' if p.workers == 1 else 's'}"
     return f"{p.counts.failed} failed, {p.rate:.1f} runs/s on {workers}{left}"
-
-
-def _clock(seconds: float) -> str:
-    minutes, s = divmod(round(seconds), 60)
-    hours, m = divmod(minutes, 60)
-    return f"{hours}:{m:02d}:{s:02d}" if hours else f"{m}:{s:02d}"

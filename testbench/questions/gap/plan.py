@@ -12,7 +12,6 @@ first stage of naming asks; of the truth the right size is among those that are 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -202,13 +201,11 @@ def plan_gap(
     try:
         kept = Journal(file, Reflown(believed, records, air).fingerprint)
         drawn = Reliability(tuple(kept.rows(Trial)[:draws]))
-        done, begun = len(drawn.trials), time.monotonic()
-        first = done
+        done = len(drawn.trials)
         for found in calibrate_together(foreseen.drawn, foreseen.stated, draws, drawn.trials, _TOGETHER):
             kept.write([asdict(trial) for trial in found.trials[done:]], done)
             drawn, done = found, len(found.trials)
-            left_s = (time.monotonic() - begun) / max(done - first, 1) * (draws - done)
-            say(f"{done} of {draws} flights drawn, {left_s:.0f} s left")
+            say(f"{done} of {draws} flights drawn")
         few = foreseen.few
         planned = Addition("as planned", few.at_usual_size(few.sums))
         for there, spec, words in candidates(still, scenario.manoeuvre):

@@ -126,7 +126,8 @@ def repeat(
         tasks = [
             partial(_one, scenario, replace(ready, flown=f), s, outputs) for s, f in zip(others, flights, strict=True)
         ]
-        found = [_errors(first, outputs), *spread(tasks)]
+        count = len(others)
+        found = [_errors(first, outputs), *spread(tasks, lambda done: say(f"repeat with {done} of {count} more seeds"))]
     keys = list(dict.fromkeys(key for one in found for key in one))
     errors: dict[Key, dict[str, FloatArray]] = {}
     for key in keys:
