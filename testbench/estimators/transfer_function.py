@@ -139,8 +139,12 @@ class TransferFunctionModel(IdentifiedModel):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
-    def simulate(self, record: FlightRecord) -> FloatArray:
+    def simulate(self, record: FlightRecord, which: NDArray[np.bool_] | None = None) -> FloatArray:
         """Return the free-run outputs (N, p); the initial conditions of each output fit its valid samples best.
+
+        Args:
+            record: inputs and outputs.
+            which: (p,) the outputs that are asked for; all by default.
 
         Raises:
             ChannelError: the record lacks an input or output of the model.
@@ -151,6 +155,7 @@ class TransferFunctionModel(IdentifiedModel):
         columns = [
             simulate_one(b, a, d, u, part.data[:, [i]], part.valid[:, [i]])
             for i, (b, a, d) in enumerate(zip(self.numerators, self.denominators, self.delays, strict=True))
+            if which is None or which[i]
         ]
         return np.hstack(columns)
 

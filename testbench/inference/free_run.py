@@ -128,11 +128,21 @@ class Flown:
         late, out = self.late, []
         for record, y in zip(self.records, self.simulated, strict=True):
             given = record if late is None else late.acting(record)
-            columns = [(n.model.simulate(given) - y) / n.step for n in self.near]
+            columns = [(self._beside(n.model, given, y) - y) / n.step for n in self.near]
             if late is not None:
                 step = _LATER * late.samples
                 columns.append((self.model.simulate(late.later(step).acting(record)) - y) / step)
             out.append(np.ascontiguousarray(np.stack(columns, axis=2).transpose(1, 0, 2)))
+        return out
+
+    def _beside(self, other: IdentifiedModel, record: FlightRecord, y: FloatArray) -> FloatArray:
+        """Return what a neighbour simulates: of transfer functions, only the outputs whose coefficients differ anew."""
+        here = self.model
+        if not (isinstance(here, TransferFunctionModel) and isinstance(other, TransferFunctionModel)):
+            return other.simulate(record)
+        same = (here.numerators == other.numerators).all(axis=1) & (here.denominators == other.denominators).all(axis=1)
+        out = y.copy()
+        out[:, ~same] = other.simulate(record, ~same)
         return out
 
     def stepped(self, change: FloatArray) -> tuple[IdentifiedModel, Late | None]:

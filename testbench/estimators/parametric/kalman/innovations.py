@@ -186,10 +186,11 @@ def _linear(
     mask = valid.astype(float)
     A, K, C = d.A[-1].real, rows.K[-1].real, s.C[-1].real
     correct = A @ K
-    closed = A - np.einsum("ij,kj,jl->kil", correct, mask, C)
+    every = bool(valid.all())
+    closed = np.broadcast_to(A - np.einsum("ij,kj,jl->kil", correct, mask[: 1 if every else N], C), (N, n, n))
     drive = u @ d.G[-1].real.T + du @ d.H[-1].real.T + level[-1].real
     rest = mask * (y[:, -1].real - u @ s.D[-1].real.T - offset[-1].real)
-    paths = _Paths(closed, bool(valid.all()))
+    paths = _Paths(closed, every)
     x = paths.run((drive + rest @ correct.T)[:, :, None], rows.x0[-1].real[:, None])[:, :, 0]
     v = rest - mask * (x @ C.T)
     out = Run(np.empty((N, count, v.shape[1]), complex), np.empty((N, count, n), complex))
