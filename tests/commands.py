@@ -16,7 +16,7 @@ import testbench.cli as cli
 
 # Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
 _SERVER = multiprocessing.get_context("forkserver")
-_SERVER.set_forkserver_preload(["quick_drawing", *modules()])
+_SERVER.set_forkserver_preload(["quick_drawing", *modules(), "one_tree"])
 
 
 def in_warm_process(function: Callable[..., object], *args: object) -> int | None:

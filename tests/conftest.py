@@ -13,8 +13,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
+import one_tree  # noqa: F401 (it is enough that it is imported)
 import pytest
 from browsers import Tab, chromium
+from plain_fits import plain_fits as without_remedies
 from quick_drawing import quick_drawing, rendering
 
 from testbench.flight import FlightCondition, load_aircraft, trim
@@ -104,6 +106,13 @@ def figures_are_made(request):
     else:
         with quick_drawing():
             yield
+
+
+@pytest.fixture
+def plain_fits(request):
+    """Identify without causes and remedies in one test, unless it is of the slow suite."""
+    with without_remedies(request.node.get_closest_marker("slow") is None):
+        yield
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain_fits import plain_fits
 from scipy.io import loadmat
 
 import testbench.cli as cli
@@ -99,11 +100,9 @@ def identified(request, tmp_path_factory):
         found.append(identify(*words, **more))
         return found[-1]
 
-    with pytest.MonkeyPatch.context() as patch:
+    with plain_fits(), pytest.MonkeyPatch.context() as patch:  # remedies and figures take longest
         patch.setattr(ask, "identify", kept)
-        # Figures and cures of a fit take longest, and are not asked here.
         patch.setattr("testbench.questions.run.page.plates", lambda result: [])
-        patch.setattr(ask, "mended_cases", lambda cases, gusts: (tuple(cases), frozenset(), [], {}))
         assert status(patch, "identify", file, "-o", folder / "results") == 0
     return SimpleNamespace(
         models=folder / "results" / file.stem / "models",

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from changed_flights import LATERAL, LONGITUDINAL, NOISE, changed_aircraft, described, flown, steps
+from plain_fits import plain_fits
 from typer.testing import CliRunner
 
 import testbench as tb
@@ -24,6 +25,8 @@ from testbench.questions.identify.ask import identify
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription
 
+pytestmark = pytest.mark.usefixtures("plain_fits")
+
 V, H = 15.0, 100.0
 FACTORS = {"Cm_q": 0.6, "Cm_alpha": 1.25, "CL_alpha": 1.1}
 CONDITION = tb.FlightCondition(V, H)
@@ -38,9 +41,10 @@ def file(tmp_path_factory):
     return described(folder, "pitch", flights, "taurus", ["de"], ["V", "alpha", "q", "theta"], LONGITUDINAL, NOISE)
 
 
-@pytest.fixture(scope="module")
-def found(file):
-    return identify(RecordDescription.load(file))
+@pytest.fixture(scope="module", params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["plain", "mended"])
+def found(request, file):
+    with plain_fits(request.param):
+        return identify(RecordDescription.load(file))
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from commands import ends
+from plain_fits import plain_fits
 from pooled_logs import CBAR, GEOMETRY, TRUE, B, S, description, record, write_day, write_record
 from taurus_logs import true_coefficients, write_log
 
@@ -23,6 +24,8 @@ from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.ask import identify_and_pool
 from testbench.questions.identify.pool.page import pool_page
 from testbench.questions.identify.scenario import Pooling, RecordDescription
+
+pytestmark = pytest.mark.usefixtures("plain_fits")
 
 CONDITIONS = ((12.0, 1.8, 100.0), (15.0, 2.2, 900.0), (19.0, 1.8, 400.0))
 
@@ -44,9 +47,10 @@ def test_exact_logs_at_three_conditions_give_the_coefficients_exactly(tmp_path):
         assert log.at["alpha"] == pytest.approx(0.05, abs=0.01)
 
 
-@pytest.fixture(scope="module")
-def pooled(tmp_path_factory):
-    return identify_and_pool(days(tmp_path_factory.mktemp("days")), settings=Pooling(prior=None))
+@pytest.fixture(scope="module", params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["plain", "mended"])
+def pooled(request, tmp_path_factory):
+    with plain_fits(request.param):
+        return identify_and_pool(days(tmp_path_factory.mktemp("days")), settings=Pooling(prior=None))
 
 
 def test_noisy_logs_cover_the_truth_and_agree(pooled):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flown_campaign import NAMES, SENSORS, flown_campaign, promise_of
+from plain_fits import plain_fits
 from writers import dataflash_of, ulog_of
 
 from testbench.core.errors import RecordError, ScenarioError
@@ -24,11 +25,14 @@ from testbench.questions.plan.flown_recipe import recipe_of
 from testbench.questions.plan.rehearse import AFTER_S, QUIET_S, rehearse
 from testbench.questions.plan.verdicts import judge, more_runs
 
+pytestmark = pytest.mark.usefixtures("plain_fits")
 
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+
+@pytest.fixture(scope="module", params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["plain", "mended"])
+def flown(request, tmp_path_factory):
     """A plan with a designed elevator input at two speeds and an aileron doublet, its log, and what was found."""
-    return flown_campaign(tmp_path_factory.mktemp("campaign"))
+    with plain_fits(request.param):
+        return flown_campaign(tmp_path_factory.mktemp("campaign"))
 
 
 def of_cards(plan, log, *numbers):

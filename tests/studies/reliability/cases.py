@@ -7,7 +7,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache
 from pathlib import Path
 
 from clock import since
@@ -66,12 +65,10 @@ def in_batches(names: Sequence[str], most: int) -> Iterator[Sequence[str]]:
 
 def quiet_main(arguments: Sequence[str], out: Path) -> tuple[int, str]:
     """Run ``testbench ARGUMENTS`` in this process; return its exit status and what it wrote, and let faults pass."""
-    import typer.main
+    import one_tree  # noqa: F401 (the tree of commands is the same in each case)
 
     from testbench import cli
 
-    if not hasattr(typer.main.get_command, "cache_info"):
-        typer.main.get_command = cache(typer.main.get_command)  # the tree of commands is the same in each case
     kept = os.dup(1), os.dup(2)
     stdout, stderr, argv = sys.stdout, sys.stderr, sys.argv
     with out.open("w+", encoding="utf-8", errors="surrogateescape") as file:
