@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext, suppress
 from functools import cache
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "testbench"
@@ -487,7 +490,15 @@ console_entry()
     ],
 )
 def test_lint_format_and_types(command):
-    done = subprocess.run([sys.executable, *command], cwd=ROOT, capture_output=True, text=True, check=False)
+    """mypy keeps what it knows of each file, by its content, for all checkouts of a user; one at a time writes it."""
+    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "testbench" / "mypy"
+    with suppress(OSError):  # a home that is read-only keeps nothing
+        kept.mkdir(parents=True, exist_ok=True)
+    around = {"MYPY_CACHE_DIR": str(kept), **os.environ} if kept.is_dir() else None
+    with FileLock(kept.parent / "mypy.lock") if MYPY in command and around else nullcontext():
+        done = subprocess.run(
+            [sys.executable, *command], cwd=ROOT, env=around, capture_output=True, text=True, check=False
+        )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
 
 
