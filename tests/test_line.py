@@ -18,7 +18,7 @@ from testbench.questions.run.scenario import Scenario
 
 LONG = ("eolo_methods",)
 SIMULATED = [
-    pytest.param(f, id=f.stem, marks=[pytest.mark.slow] if f.stem in LONG else [])
+    pytest.param(f, id=f.stem, marks=[pytest.mark.slow] if f.stem in (*LONG, "b1_alpha") else [])
     for f in sorted(SCENARIOS.glob("*.toml"))
 ]
 
@@ -119,6 +119,11 @@ def test_the_numbers_of_the_overview_are_those_of_the_scenarios(results):
         for match in case.evaluation.poles:
             if match.name in (SLOW, FAST):
                 assert f"{match.true.real:.2f}" in text
+
+
+@pytest.mark.slow
+def test_the_figures_of_the_overview_on_the_bomber_are_those_of_its_scenario(results):
+    text = " ".join((SCENARIOS.parent / "docs" / "overview.md").read_text(encoding="utf-8").split())
     for finding in results("b1_alpha").findings[:2]:
         start = finding.index("adding alpha")
         figures = [word for word in finding[start : finding.index(";")].split() if "." in word]

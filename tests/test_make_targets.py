@@ -184,6 +184,7 @@ def first_second(command: Command, folder: Path) -> int:
     return 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", OURS, ids=name)
 def test_it_starts(command, place):
     left_out(command)

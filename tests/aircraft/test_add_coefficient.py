@@ -22,7 +22,8 @@ def derivatives(aircraft, condition):
 
 
 @pytest.mark.parametrize(
-    ("name", "condition"), [("taurus", TAURUS), ("jsbsim:c172p", tb.FlightCondition(45.0, 1000.0))]
+    ("name", "condition"),
+    [("taurus", TAURUS), pytest.param("jsbsim:c172p", tb.FlightCondition(45.0, 1000.0), marks=pytest.mark.slow)],
 )
 def test_the_equilibrium_stays_and_one_derivative_moves_by_what_was_added(name, condition):
     aircraft = load_aircraft(name)

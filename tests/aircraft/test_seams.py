@@ -106,6 +106,7 @@ def test_accelerometers_feel_an_increment_and_aerodynamic_forces_do_not_hold_it(
     assert bench.fdm.get("forces/fwx-aero-lbs") == pytest.approx(plain.fdm.get("forces/fwx-aero-lbs"), rel=1e-12)
 
 
+@pytest.mark.sampled(len(STOCK))
 @pytest.mark.parametrize("name", STOCK)
 @pytest.mark.parametrize(
     ("coefficient", "row", "column"),

@@ -44,7 +44,7 @@ def serious(case, method, seed):
     return [a.code for a in model.advice if a.severity != "note"], model.diagnostics.get("causes", [])
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_delay_is_named_with_its_size(method, seed):
     codes, causes = serious("delay", method, seed)
@@ -84,7 +84,7 @@ def test_too_few_samples_are_said_before_anything_else():
     assert model.advice[0].code == "few_data"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("case", ["clean", "colour"])
 @pytest.mark.parametrize("method", METHODS)
 def test_noise_alone_is_no_fault_of_the_aircraft(case, method, seed):
@@ -111,9 +111,11 @@ def test_biased_transfer_functions_are_told_from_missing_dynamics():
         assert next(a.code for a in model.advice if a.severity != "note") == cause
 
 
-def test_feedback_is_named():
-    # It is found in some nine of ten of these loops: fewer than four of six by chance in 2 %, on these seeds for good.
-    assert sum("closed_loop" in serious("loop", "moesp", seed)[0][:2] for seed in range(11, 17)) >= 4
+@pytest.mark.parametrize(("loops", "least"), [(2, 1), pytest.param(6, 4, marks=pytest.mark.slow)])
+def test_feedback_is_named(loops, least):
+    # It is found in some nine of ten of these loops: in none of two by chance in 1 %, in fewer than four of six in 2 %,
+    # on these seeds for good.
+    assert sum("closed_loop" in serious("loop", "moesp", 11 + k)[0][:2] for k in range(loops)) >= least
 
 
 def test_feedback_is_a_note_for_a_method_that_bears_it():
@@ -180,24 +182,26 @@ def test_a_smooth_input_is_not_called_held_where_it_is_none():
         assert not [a for a in model.advice if a.severity != "note"]
 
 
-def test_inputs_of_another_flight_are_no_feedback():
+@pytest.mark.parametrize(("flights", "most"), [(2, 0), pytest.param(8, 1, marks=pytest.mark.slow)])
+def test_inputs_of_another_flight_are_no_feedback(flights, most):
     # Residuals that are coloured by gusts, and inputs that a damper moves, but not the damper of this flight.
     rng = np.random.default_rng(5)
     named = 0
-    for seed in range(11, 19):
+    for seed in range(11, 11 + flights):
         record = fly("clean", seed)
         de = record["de"] + 0.002 * rng.standard_normal(len(record))
         data = np.column_stack([de, record.columns(OUTPUTS) + coloured(rng, 0.97, len(record), 2)])
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), data, "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
-    assert named <= 1  # each errs in 2 % of flights: two of eight by chance in 1 %, which these seeds do not hit
+    assert named <= most  # each errs in 2 % of flights: two of eight by chance in 1 %, which these seeds do not hit
 
 
-def test_steps_into_a_stall_are_no_feedback():
+@pytest.mark.parametrize(("flights", "most"), [(2, 0), pytest.param(6, 1, marks=pytest.mark.slow)])
+def test_steps_into_a_stall_are_no_feedback(flights, most):
     # A stall leaves residuals that go with the steps of the input; counted, they named a loop in two of three flights.
     named = 0
-    for seed in range(101, 107):
+    for seed in range(101, 101 + flights):
         rng = np.random.default_rng(seed)
         de = doublets(900) + 0.004 * rng.standard_normal(900)
         noise = 0.003 * rng.standard_normal((900, 2)) + coloured(rng, 0.97, 900, 2)
@@ -206,7 +210,7 @@ def test_steps_into_a_stall_are_no_feedback():
         codes = [a.code for a in with_causes(estimate("moesp", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         assert "bend" in codes[:2]
         named += "closed_loop" in codes
-    assert named <= 1  # each errs in 2 % of flights: two of six by chance in 0.6 %
+    assert named <= most  # each errs in 2 % of flights: two of six by chance in 0.6 %
 
 
 def test_a_multisine_that_its_own_past_tells_reacts_to_nothing():

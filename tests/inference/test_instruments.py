@@ -60,7 +60,7 @@ def record(seed: int, fault: str = "", size: float = 0.0, level: float = 1.0, ch
     return FlightRecord(true["t"][::STEP], tuple(channels), np.column_stack(columns), "measured")
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("fault", "size"),
     [
@@ -77,6 +77,7 @@ def test_the_instrument_that_errs_is_named_and_its_error_is_known(fault, size):
     assert found.fault.std < 0.25 * abs(size)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("level", [0.7, 1.0, 1.4])
 def test_sound_instruments_agree_whatever_their_noise(level):
     for seed in (1, 2):
@@ -132,7 +133,7 @@ def biased(seed: int, errors: dict[str, float], level: float = 0.5) -> FlightRec
     return r.with_columns(columns)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     "errors",
     [

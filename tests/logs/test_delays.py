@@ -47,7 +47,7 @@ def flight(folder, late, seed, noise=1.0):
     return import_log(folder / "f.csv")
 
 
-@pytest.mark.parametrize("late", [LATE, {}], ids=["late", "on time"])
+@pytest.mark.parametrize("late", [LATE, pytest.param({}, marks=pytest.mark.slow)], ids=["late", "on time"])
 def test_delays_are_found_within_their_standard_deviations(tmp_path, late):
     off = []
     for seed in range(12):

@@ -35,7 +35,7 @@ def held(model):
     return {n for n, free in zip(model.structure.parameter_names, model.structure.free, strict=True) if not free}
 
 
-@pytest.mark.parametrize("method", ["output_error", "equation_error"])
+@pytest.mark.parametrize("method", [pytest.param("output_error", marks=pytest.mark.slow), "equation_error"])
 def test_what_made_the_record_stays_and_what_did_not_is_held_at_zero(method):
     for seed in range(6):
         both = chosen(flight(seed), method)
@@ -44,10 +44,11 @@ def test_what_made_the_record_stays_and_what_did_not_is_held_at_zero(method):
         assert held(chosen(flight(seed, Z_de=-0.3), method)) == {"Z_q"}
 
 
-def test_one_flight_in_hundreds_keeps_what_it_should_not():
-    """z^2 beyond log N has a probability of 1 % for 1000 samples: 12 flights keep more than 2 of 24 by 2 in 1000."""
-    kept = sum(len({"Z_q", "Z_de"} - held(chosen(flight(seed)))) for seed in range(10, 22))
-    assert kept <= 2
+@pytest.mark.parametrize(("flights", "most"), [(4, 1), pytest.param(12, 2, marks=pytest.mark.slow)])
+def test_one_flight_in_hundreds_keeps_what_it_should_not(flights, most):
+    """z^2 beyond log N has a probability of 1 % for 1000 samples: more than 1 of 8, or 2 of 24, by 2 in 1000."""
+    kept = sum(len({"Z_q", "Z_de"} - held(chosen(flight(10 + k)))) for k in range(flights))
+    assert kept <= most
 
 
 def test_fewer_parameters_are_known_better_and_the_choice_is_said():

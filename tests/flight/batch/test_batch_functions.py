@@ -124,7 +124,7 @@ def compare(taurus, functions, inputs):
     return truth
 
 
-@pytest.mark.sampled(10)  # LLVM takes a second to compile sixty functions
+@pytest.mark.sampled(30)  # LLVM takes a second to compile sixty functions
 @pytest.mark.parametrize("seed", range(30))
 def test_nested_functions(taurus, seed):
     draw = Draw(seed)

@@ -96,7 +96,7 @@ def test_every_effect_keeps_the_laws_of_words(name, law, believed):
     assert law(trial(name, believed)) is None
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(len(contract.OF_AIRCRAFT))
 @pytest.mark.parametrize("law", contract.OF_AIRCRAFT, ids=lambda law: law.__name__)
 @pytest.mark.parametrize("name", [n for n in EFFECTS if n not in OF_ONE_RECORD])
 def test_every_effect_keeps_the_laws_of_aircraft(name, law, believed):
@@ -134,7 +134,7 @@ def test_effects_that_break_a_law_are_told_which(believed):
         contract.it_goes_from_process_to_process(contract.Trial(replace(good, amend=lambda a, s, v: (a, s))))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow) if n in OF_OTHER_SENSORS | LONG | GENERAL else n for n in SHOWN]
 )

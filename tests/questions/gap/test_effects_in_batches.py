@@ -70,7 +70,9 @@ def test_every_effect_flies_in_a_batch_as_in_jsbsim(name):
     assert {n: w for n, w in worst.items() if not w[0] <= TOLERANCE} == {}
 
 
-@pytest.mark.parametrize("name", ["eolo", "taurus", pytest.param("jsbsim:A4", marks=pytest.mark.slow), "jsbsim:f16"])
+@pytest.mark.parametrize(
+    "name", ["eolo", "taurus", *(pytest.param(n, marks=pytest.mark.slow) for n in ("jsbsim:A4", "jsbsim:f16"))]
+)
 def test_amended_aircraft_are_trimmed_and_linearised_in_blocks_as_by_jsbsim(name):
     aircraft = load_aircraft(name) if name.startswith("jsbsim:") else load_aircraft(name, "rigid")
     condition, suite = CONDITIONS[name], load_suite("eolo_gap_lateral")

@@ -52,7 +52,7 @@ def test_a_new_effect_that_no_name_calls_for_is_searched_and_the_others_are_know
         assert NEW[name].lateral, "records of elevator and throttle must not pay for it"
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(
     "name",
     [

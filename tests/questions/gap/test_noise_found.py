@@ -72,7 +72,7 @@ def test_estimates_differ_by_more_than_their_errors_and_what_is_open_anyway():
     assert one.differs(NoiseFound({"q": (1.0, 0.02)}, {"q": 0.5}))
 
 
-@pytest.mark.parametrize("hidden", [True, False])
+@pytest.mark.parametrize("hidden", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_coloured_noise_is_neither_a_gap_nor_hides_one(believed, hidden):
     """White noise of the same size would be exceeded at low frequencies by half; the name is the whole story."""
     records = {str(i): r for i, r in enumerate(noisy(believed, hidden, 11, 1.2, 0.5))}

@@ -113,7 +113,11 @@ def assert_named(naming: Naming, effect: str, true: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("noise_rad", [NOISE_RAD, pytest.param(0.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "case", [pytest.param(n, marks=pytest.mark.slow) if n in ("late command", "gain") else n for n in TRUTHS]
+    "case",
+    [
+        pytest.param(n, marks=pytest.mark.slow) if n in ("late command", "gain", "washed feedback") else n
+        for n in TRUTHS
+    ],
 )
 def test_what_a_surface_does_beside_its_command_is_named_with_its_size(case, noise_rad):
     _, control, effect, true = TRUTHS[case]

@@ -156,6 +156,7 @@ def test_a_quick_servo_with_a_dead_band_is_a_play_of_twice_its_half_width():
     assert "throttle_free_play" in OWN["throttle_dead_band"].contains
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("true", "other"), [("throttle_scale", "thrust_scale"), ("thrust_scale", "throttle_scale")])
 def test_a_linkage_of_another_ratio_is_told_from_a_stronger_engine_where_thrust_is_no_line_over_throttle(true, other):
     """A 737's engines turn slower in trim if they are stronger, where a step of the throttle gives less. Noise-free."""

@@ -87,6 +87,7 @@ CAUSES = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("cause", CAUSES)
 def test_a_model_that_does_not_predict_says_so_first_with_the_cause(tmp_path, cause):
     kept, said = CAUSES[cause]
