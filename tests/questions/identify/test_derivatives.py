@@ -109,6 +109,7 @@ def test_a_command_taken_for_the_surface_has_its_servo_tried_or_is_in_doubt(tmp_
     assert any("a lag behind de_cmd" in note for note in found.notes)
 
 
+@pytest.mark.usefixtures("plain_fits")
 def test_an_estimator_that_refuses_costs_the_other_nothing(plain, tmp_path):
     """Too short a record for 4000 block rows: one of two gives no model."""
     edit = "[[identification.estimators]]\nmethod = 'dsr_e'\norder = 2\npast_horizon = 2000\nfuture_horizon = 2000\n\n"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from changed_flights import LONGITUDINAL, changed_aircraft, described, flown, steps
+from plain_fits import plain_fits
 from typer.testing import CliRunner
 
 from testbench.cli import app
@@ -11,6 +12,8 @@ from testbench.questions.identify.amend.ask import amend
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
+
+pytestmark = pytest.mark.usefixtures("plain_fits")
 
 V, H, SCALE = 15.0, 100.0, 0.85
 NOISE = {"V": 0.05, "alpha": 0.05, "q": 0.1, "theta": 0.05, "az": 0.05, "h": 0.1}
@@ -35,9 +38,10 @@ def file(tmp_path_factory):
     return written(tmp_path_factory.mktemp("flights"), SCALE)
 
 
-@pytest.fixture(scope="module")
-def found(file):
-    return identify(RecordDescription.load(file))
+@pytest.fixture(scope="module", params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["plain", "mended"])
+def found(request, file):
+    with plain_fits(request.param):
+        return identify(RecordDescription.load(file))
 
 
 def test_the_first_line_names_the_instrument_and_nothing_is_determined(found):

@@ -11,6 +11,8 @@ from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.identify.unpredicted import _beyond_noise, missed
 
+pytestmark = pytest.mark.usefixtures("plain_fits")
+
 RATE = 50.0
 DESCRIPTION = """title = "Two records"
 source = "simulated here"
