@@ -132,11 +132,12 @@ def coloured(rng: np.random.Generator, pole: float, *shape: int) -> np.ndarray:
     return noise
 
 
-def test_an_input_that_acts_between_its_samples_is_no_feedback():
+@pytest.mark.parametrize(("flights", "most"), [(2, 0), pytest.param(5, 1, marks=pytest.mark.slow)])
+def test_an_input_that_acts_between_its_samples_is_no_feedback(flights, most):
     # The surface moves on between samples; white residuals would show it as news that goes with the output.
     rng = np.random.default_rng(8)
     named = 0
-    for seed in range(11, 16):
+    for seed in range(11, 11 + flights):
         record = fly("clean", seed)
         de = record["de"] + 0.01 * rng.standard_normal(len(record))
         q = record["q"] - 18.0 * 0.02 * 0.5 * (de - record["de"])  # the half sample that has acted already
@@ -144,7 +145,7 @@ def test_an_input_that_acts_between_its_samples_is_no_feedback():
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), np.column_stack([de, alpha, q]), "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
-    assert named <= 1  # each errs in 2 % of flights: two of five by chance in 0.4 %
+    assert named <= most  # each errs in 2 % of flights: two of five by chance in 0.4 %
 
 
 def smooth(seed: int, held: bool) -> FlightRecord:

@@ -191,6 +191,7 @@ def test_calm_flights_are_no_gap(believed, calm):
     assert "no gust stands out" in naming.rejected["gust"]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("kind", "sizes"), [("slow servo", {"lag_rad_s": 12.0}), ("frozen attitude", {"length_s": 0.8})]
 )

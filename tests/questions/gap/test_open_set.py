@@ -87,6 +87,7 @@ def test_where_nothing_is_hidden_no_term_is_named(name, seed):
     assert name_effect(believe(name), records, Sought({}, open_terms=True)).outcome == "no gap"
 
 
+@pytest.mark.slow
 def test_where_nothing_is_hidden_no_term_comes_near():
     """A term needs a gain of ln(0.4 / (0.05 / 574)) = 8.4 to be as probable as nothing."""
     assert weighed("taurus", "nothing", 0)[0][0].gain < 8.4
