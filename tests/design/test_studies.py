@@ -8,6 +8,7 @@ import pytest
 from design_problems import CASES, against_rules, check_predictions, misordered, write_tables
 
 
+@pytest.mark.slow
 def test_predicted_errors_are_found_small():
     """Two designs, 40 estimates each.
 

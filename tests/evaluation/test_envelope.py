@@ -303,6 +303,7 @@ def test_an_aircraft_that_flies_at_no_speed_is_refused(taurus):
         speed_range(fixed)
 
 
+@pytest.mark.slow
 def test_a_survey_leaves_out_and_names_the_responses_that_cannot_be_flown(eolo):
     weak = replace(eolo, limits={**eolo.limits, "alpha": (eolo.limits["alpha"][0], 0.1)})
     found = survey(weak, "eolo")

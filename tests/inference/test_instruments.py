@@ -151,6 +151,7 @@ def test_errors_are_found_together_and_none_beside_them(errors):
         assert not every_error([without_errors(biased(seed, errors), every.sizes)], G).found
 
 
+@pytest.mark.slow
 def test_intervals_of_errors_hold_as_often_as_they_say():
     errors, held = {"q_bias": 0.01, "az_bias": 0.3, "alpha_scale": 0.15}, []
     for seed in (0, 1, 3, 4, 6, 7):

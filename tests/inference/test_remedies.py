@@ -39,6 +39,7 @@ def test_a_servo_that_was_not_told_is_found_and_the_derivatives_with_it():
     assert abs(plain.values["M_alpha"] + 12.0) > 2.0 * abs(model.values["M_alpha"] + 12.0)
 
 
+@pytest.mark.slow
 def test_gusts_are_no_cure_where_kinematics_show_none():
     rng = np.random.default_rng(8)
     flown = record()

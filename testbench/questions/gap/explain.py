@@ -325,6 +325,7 @@ class Naming:
     def sentence(self) -> str:
         """The outcome in words."""
         w, best = self.weighed, self.best
+        off = [f"{n} {with_error(f, e)}" for n, (f, e) in self.off.items()]
         if best is None:
             sure = percent(w.nothing if self.outcome == "no gap" else w.unknown)
             if self.outcome == "no gap":
@@ -334,11 +335,10 @@ class Naming:
                     "unexplained: something that the library lacks and that no effect of it imitates, probability "
                     f"{sure}"
                 )
-            off = [f"{n} {with_error(f, e)}" for n, (f, e) in self.off.items()]
             return f"{out}; re-tuned, times the a-priori value: {', '.join(off)}" if off else out
-        what = f"{best.effect.title}: {best.size}"
-        if far := self._strained(best):
-            what += f", with {', '.join(far)} times the a-priori value"
+        far = self._strained(best) or (off if self.outcome == "partial" else [])
+        beside = f", with {', '.join(far)} times the a-priori value" if far else ""
+        what = f"{best.effect.title}: {best.size}{beside}"
         explained = "" if math.isnan(best.share) else f"; it explains {100 * best.share:.1f} % of the excess over noise"
         if self.outcome == "named":
             return f"{what}; probability {percent(best.probability)}{explained}"
@@ -353,7 +353,7 @@ class Naming:
         others = [f"nothing {percent(w.nothing)}"] if w.nothing >= SAID else []
         others += [f"something that the library lacks {percent(w.unknown)}"] if w.unknown >= SAID else []
         head = "one of these, which these data do not separate" if len(named) > 1 or others else "probably"
-        return f"{head}: {'; or '.join([told, *others])}. To separate them: {best.effect.separated_by}"
+        return f"{head}: {'; or '.join([told, *others])}{beside}. To separate them: {best.effect.separated_by}"
 
     @property
     def probabilities(self) -> str:

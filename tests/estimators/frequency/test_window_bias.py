@@ -119,6 +119,7 @@ def test_longer_windows_are_named_after_they_helped():
     assert not [a for a in enough.advice if a.code == "short_windows"]
 
 
+@pytest.mark.slow
 def test_two_inputs_and_several_records():
     rng = np.random.default_rng(9)
     laws = [lambda w: true(w, 3.0, 0.2, 0.1), lambda w: 0.7 * true(w, 3.0, 0.2, 0.2, 0.0)]

@@ -149,6 +149,7 @@ def test_a_set_gets_the_manoeuvre_that_separates_it(believed):
     assert "throttle" in words
 
 
+@pytest.mark.slow
 def test_a_plan_names_what_to_add_and_goes_on_where_it_was_interrupted(monkeypatch, tmp_path):
     """180 draws, and a few of the manoeuvres that may be added, which take 0.4 s each: five seconds."""
     monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: {n: EFFECTS[n] for n in FEW})

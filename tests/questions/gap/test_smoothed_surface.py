@@ -54,6 +54,7 @@ def test_what_a_record_says_of_noise_is_the_mean_of_the_dense_normal_distributio
     assert np.abs(dense).max() > 0.05 * HALF_A_DEGREE
 
 
+@pytest.mark.slow
 def test_noise_of_a_surface_does_not_make_its_control_look_weak():
     """Half a degree beside 2 and 3 deg: c172p's elevator came out 10 % weak, its damping 20 %, by 3 and 4 errors.
 

@@ -101,6 +101,7 @@ def errors_of(path, axis: str) -> dict[str, float]:
     return {d.name: (d.value - known[d.name]) / d.std for d in result.derivatives if d.name in known}
 
 
+@pytest.mark.slow
 def test_derivatives_of_one_flight_hold_the_truth(logs):
     """False-alarm probability of 5 errors, for 7 normal estimates: 4e-6; the seed is fixed."""
     off = errors_of(logs[1]["px4"], "longitudinal")

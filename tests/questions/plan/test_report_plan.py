@@ -106,6 +106,7 @@ def test_the_same_plan_gives_the_same_bytes(taurus_plan, tmp_path):
     assert one == two
 
 
+@pytest.mark.slow
 def test_a_card_is_the_same_page_each_time(written, taurus_plan):
     card = taurus_plan.cards[0]
     with on_paper():

@@ -27,6 +27,7 @@ from testbench.inference.linear import Grams, Linearised, expected, fewer, prewh
 from testbench.inference.parameters import NOISE_SPREAD, Source
 from testbench.inference.unknown import deflections, pulses
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.gust_filter import COMPONENT, FORMING, GustModel
 from testbench.questions.gap.search.point import Point, retune
 from testbench.sensors import SensorSuite
@@ -35,12 +36,13 @@ _KAPPAS: tuple[float, ...] = (1e-3, 1e-2, 0.03, 0.1, 0.3)
 _PART_S = 1.5  # of a record
 _MOST_PARTS = 16  # of all records, which tell a scale to 2 %: better than any source of it
 _GUST_SHARE = 0.5  # between changes of the gust, of the time constant of the quickest motion
-_RMS_M_S = 1.0  # of the turbulence, to begin with: less would leave the rest of strong turbulence to coloured noise
+_RMS_M_S = 1.0  # of turbulence, to begin with, where no quiet flight shows it: of less, colour would take what is left
 _FINER = 2.0  # steps of the size of an unknown motion, once it is about right
 _DRIFT_S = 1.0  # between the knots of an instrument's drift: slower than any noise, quicker than any wander
 _SURE = 3.0  # standard errors by which a scale differs from 1 before it is spoken of, a colour from 0 before it is one
 _COLOURED = 0.1  # of a sample's variance comes a hundredth from the one before: less is not spoken of
 _MOST = 0.95  # colour: beyond it noise is a drift
+_PRIORS = 2.0  # prior standard deviations of a scale: beyond, a motion counts as noise, and the colour is its own
 _ROUNDS = 15
 _AT_REST = 0.01  # of the colour
 
@@ -109,14 +111,17 @@ def find_noise(
     tuned = point.model.with_nuisances(point.by_name)
     of, lefts, columns = [], point.by_record(point.exact), point.by_record(-point.tangents)
     every = [(i, part) for i, record in enumerate(records) for part in _parts(record)]
-    unknown = [_Unknown(tuned, record) for record in records]
+    heard = listen(believed, records)
+    stirred = heard.moves or not heard.quiet_s  # quiet flight, where there is any, tells best whether there are gusts
+    unknown = [_Unknown(tuned, record, stirred) for record in records]
     for i, at in [every[k] for k in np.unique(np.linspace(0, len(every) - 1, _MOST_PARTS).round().astype(int))]:
         taken = believed.taken(records[i])[at]
         of.append((lefts[i][at], columns[i][at], fewer(unknown[i].within(at), taken), *unknown[i].own(at), taken))
     p, std = len(believed.outputs), point.prior_std
     colour, spread, mean = np.zeros(p), np.full(p, NOISE_SPREAD[source]), -point.deviations * std
     count = np.sum([taken.sum(axis=0) for *_, taken in of], axis=0)
-    kappas, rms, begin = _KAPPAS, np.full(3, _RMS_M_S), None
+    kappas, begin, white = _KAPPAS, None, np.zeros(p, dtype=bool)
+    rms = np.full(3, heard.rms_m_s if heard.moves else _RMS_M_S)
     for _ in range(_ROUNDS):
         blocks = []
         for left, T, U, starts, gusts, taken in of:
@@ -147,7 +152,8 @@ def find_noise(
                 products[c] += e[1:] @ e[:-1] + np.sum(spreads[1:] * Z[:-1])
         correlation, before = products / np.maximum(squares, 1e-12), colour
         colour = np.clip(colour + (1.0 - colour**2) * correlation, -_MOST, _MOST)
-        colour = np.where(np.abs(colour) * np.sqrt(count) > _SURE, colour, 0.0)
+        white |= np.log(begin) > _PRIORS * spread
+        colour = np.where(~white & (np.abs(colour) * np.sqrt(count) > _SURE), colour, 0.0)
         rms = rms * np.sqrt(gust / np.maximum(told, 1e-12))
         if np.max(np.abs(colour - before)) < _AT_REST:
             break
@@ -159,7 +165,7 @@ def find_noise(
 def component_of(gusts: FloatArray) -> NDArray[np.int_]:
     """Return the component of the gust, u, v or w, of each column."""
     changes = (gusts.shape[2] - len(COMPONENT)) // 3
-    return np.array([*COMPONENT, *[0, 1, 2] * changes])
+    return np.array([*COMPONENT, *[0, 1, 2] * changes][: gusts.shape[2]], dtype=int)
 
 
 def _parts(record: FlightRecord) -> list[slice]:
@@ -176,7 +182,8 @@ class _Unknown:
     m/s, and drifts of instruments and states at the start of a part as large as the motion that was measured.
     """
 
-    def __init__(self, tuned: Believed, record: FlightRecord) -> None:
+    def __init__(self, tuned: Believed, record: FlightRecord, stirred: bool) -> None:
+        self._stirred = stirred
         there, outputs = tuned.at(record), tuned.outputs
         self._dt_s, V, n = record.dt_s, there.condition.V_m_s, len(record)
         moved = [pulses(there.linear, outputs, V, record)]
@@ -224,4 +231,5 @@ class _Unknown:
         """Return what states at the start of a part, and what each change of turbulence of rms 1 m/s, do in it."""
         n, driven = part.stop - part.start, self._driven
         begun = [np.concatenate([np.zeros_like(driven[:k]), driven[: n - k]]) for k in range(1, n, self._stride)]
-        return self._starts[:n], np.concatenate([self._met[:n], *begun], axis=2)
+        gusts = np.concatenate([self._met[:n], *begun], axis=2)
+        return self._starts[:n], gusts if self._stirred else gusts[:, :, :0]
