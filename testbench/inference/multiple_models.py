@@ -9,9 +9,11 @@ Automatic Control 10(4), 1965). What a filter of the right aircraft in the right
 
 N z is what the uncertainty of the aircraft does, z ~ N(0, 1), one column for each direction of it. E holds what no
 model has exactly, with priors: the trim, the first state, the form of the equations over time, a delay shorter than
-anybody asks for. Its first columns are explanations, each added by itself: controls that have another effect. Controls
-that act late, and instruments of the wrong sign, have filters of their own. Coefficients are integrated; intensity of
-turbulence and scale of the noise are summed over.
+anybody asks for, gusts that die away while the aircraft's own motion does not. Its first columns are explanations, each
+added by itself: controls that have another effect. Controls that act late, and instruments of the wrong sign, have
+filters of their own. Coefficients are integrated; intensity of turbulence and scale of the noise are summed over. N is
+zero in the quiet flight before a manoeuvre: there gusts and the colour of noise alone would tell which aircraft flies,
+and neither is known so closely. Air and trim are told there.
 """
 
 from __future__ import annotations
@@ -61,6 +63,7 @@ class Bank:
     acting: FloatArray  # (c,) standard deviation of the white noise of each control as it is recorded
     # (n,) share by which the form of the equations is off for each unit of a state, beside that near trim
     bends: FloatArray
+    decay: float = 0.0  # 1/s, by which gusts in the first state, a flow angle, die away: V / L
 
     @cached_property
     def variants(self) -> tuple[tuple[str, int, float], ...]:
@@ -142,18 +145,19 @@ class Watched:
 
     Args:
         bank: what is believed.
+        quiet: samples before the controls move.
     """
 
-    def __init__(self, bank: Bank) -> None:
-        self.bank = bank
+    def __init__(self, bank: Bank, quiet: int = 0) -> None:
+        self.bank, self._quiet = bank, quiet
         (M, n, m), forced, read = bank.B.shape, list(bank.forced), list(bank.read)
         I, J, D = len(bank.gusts), len(bank.variants), M - 1  # noqa: E741
         c, p = len(bank.controls), len(read)
         self._x = np.zeros((M, n, I, J))
         drift = np.abs(np.eye(n) - bank.A[0]) @ bank.rest
         # Columns: the drawn aircraft; the controls' effect; first state, trim in equations and readings, short delays,
-        # form over time; what is left.
-        own = [np.ones(c), bank.rest, drift[forced], bank.rest[read], np.full(c, _LATE_S)]
+        # decay of gusts, form over time; what is left.
+        own = [np.ones(c), bank.rest, drift[forced], bank.rest[read], np.full(c, _LATE_S), np.ones(1)]
         self._std = np.concatenate([np.ones(D), *own])
         self._own = np.zeros((I, n, len(self._std) - D))
         self._own[:, :, c : c + n] = np.eye(n)
@@ -233,12 +237,15 @@ class Watched:
         for i in range(k):
             before = self._x[0, :, :, 0]
             x = (bank.A @ self._x.reshape(M, n, I * J)).reshape(M, n, I, J) + forcing[i][:, :, None, :]
+            if begin + i < self._quiet:
+                x[:] = x[0]
             v = np.where(valid[i][None, :, None, None], y[i][None, :, None, None] - scales * x[:, read], 0.0)
             K, root = self._gain(jumps[i], valid[i])
             left[i] = np.einsum("ijqp,mpij->mqij", root, v)
             F = np.repeat(self._constant[0][None], I, axis=0)
             F[:, :, :c] = bank.B[0][:, controls] * each[0][i, controls]
             F[:, :, at_short : at_short + c] = -bank.B[0][:, controls] * change[i, controls]
+            F[:, 0, at_form - 1] = -bank.decay * bank.dt_s * before[0]
             hats = np.maximum(0.0, 1.0 - np.abs((begin + i) * bank.dt_s / _FORM_S - np.arange(self._knots)))
             away = np.hypot(1.0, bank.bends @ np.abs(before) / _FORM)  # (I,)
             acted = bank.B[0][:, controls] @ each[0][i, controls]

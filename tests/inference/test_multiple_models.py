@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 from scipy.stats import multivariate_normal
 
 from testbench.estimators.parametric.kalman.innovations import sampled_noise
-from testbench.inference.multiple_models import Bank, Watched, _steady, in_quiet_flight
+from testbench.inference.multiple_models import P_FAULT, Bank, Watched, _steady, in_quiet_flight
 
 DT, NOISE, QUIET = 0.02, 0.003, 250
 BELIEVED = np.array([-2.0, -15.0, -3.0, -20.0])
@@ -154,3 +154,11 @@ def test_the_air_is_told_by_quiet_flight():
         turned = (u @ bank().B[0].T)[:QUIET]
         told = in_quiet_flight(bank().A[0], (0, 1), np.full((3, 2), NOISE), gusts, turned, y[:QUIET])
         assert int(np.argmax(told)) == k
+
+
+def test_quiet_flight_does_not_tell_which_aircraft_flies():
+    u, y = flight(3, rms=1.0)
+    watch = Watched(bank(), QUIET)
+    watch.take(u[: QUIET - 10], y[: QUIET - 10], np.ones((QUIET - 10, 2), bool))
+    believed, other = (next(w.probability for w in watch.weigh() if w.kind == kind) for kind in ("believed", "other"))
+    assert other / believed == pytest.approx((P_FAULT / 4.0) / (1.0 - P_FAULT), rel=1e-6)

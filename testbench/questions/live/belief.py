@@ -144,8 +144,8 @@ class Expected:
             none = np.zeros((0, len(names))), np.zeros((0, inputs.shape[1]))
             each.append(cont2discrete((s.A, inputs, *none), self.dt_s)[:2])
             if not k:
-                white = np.zeros(len(names))
-                white[0] = 2.0 / ((L_w if names[0] == "alpha" else L_v) * V)
+                white, L = np.zeros(len(names)), L_w if names[0] == "alpha" else L_v
+                white[0] = 2.0 / (L * V)
                 for i in forced[1:]:
                     size = (_TAIL * s.A[i, i]) ** 2 * white[0]
                     if names[i] == "p":  # sigma_p^2 = 1.9^2 sigma^2 / (L_w b), white below pi V / (4 b)
@@ -172,7 +172,8 @@ class Expected:
         rest[list(read)] = np.maximum(quiet.std(axis=0), noise)
         later = np.array([x * found for x in _LATER])
         bends = np.where(np.arange(len(names)) == 0, FORM_STD["alpha"] / ALPHA_RAD, 0.0)
-        return Bank(A, B, read, noise, rest, later, forced, tuple(range(len(acting))), self.dt_s, acting, bends)
+        controls = tuple(range(len(acting)))
+        return Bank(A, B, read, noise, rest, later, forced, controls, self.dt_s, acting, bends, V / L)
 
     def by_speed(self, states: FloatArray, inputs: FloatArray, ratio: FloatArray) -> FloatArray:
         """Return what a speed that is ``ratio`` (b,) times that of the trim changes of the equations (b, n).

@@ -365,7 +365,7 @@ class Plane:
         noise = np.maximum([self.noise(self.structure.states[i]) for i in read], _QUIETEST)
         if "V" in self.structure.inputs:
             inputs = np.column_stack([inputs, self._smooth_speed(quiet[:, -m - 1])])
-        watched = Watched(self.expected.bank(self.believed, read, noise, self._acting, states, inputs))
+        watched = Watched(self.expected.bank(self.believed, read, noise, self._acting, states, inputs), len(inputs))
         self._waiting = [np.hstack([inputs, np.zeros((len(inputs), n))]), states, np.ones(states.shape, bool)]
         self._slow_V, self._lead_taken = 0.0, len(self._run)
         return watched
