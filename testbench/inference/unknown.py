@@ -57,7 +57,7 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
         pulse = np.where(np.arange(n) < width, rms_acceleration(state, V_m_s, record), 0.0)
         out += _shifted(forced(linear, channels, push, direct, pulse[:, None], dt)[:, :, 0], width)
     for surface in (c for c in channels if c in linear.inputs):
-        out += deflections(linear, channels, surface, float(np.nanstd(record[surface])), np.arange(n) * dt)
+        out += deflections(linear, channels, surface, float(np.nanstd(record[surface])), record.t_s)
     return np.stack(out, axis=2)
 
 
