@@ -115,6 +115,13 @@ def plain_fits(request):
         yield
 
 
+@pytest.fixture(params=[True, pytest.param(False, marks=pytest.mark.slow)], ids=["plain", "mended"])
+def plain_and_mended(request):
+    """Identify without causes and remedies in one test, and with them in the slow suite."""
+    with without_remedies(request.param):
+        yield
+
+
 @pytest.fixture
 def rendered():
     """Render figures in one test of a module that is not marked ``drawn``."""

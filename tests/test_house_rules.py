@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
+from testbench.core.files import kept_in
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "testbench"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -491,11 +493,12 @@ console_entry()
 )
 def test_lint_format_and_types(command):
     """mypy keeps what it knows of each file, by its content, for all checkouts of a user; one at a time writes it."""
-    kept = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "testbench" / "mypy"
+    kept = kept_in("mypy")
     with suppress(OSError):  # a home that is read-only keeps nothing
-        kept.mkdir(parents=True, exist_ok=True)
-    around = {"MYPY_CACHE_DIR": str(kept), **os.environ} if kept.is_dir() else None
-    with FileLock(kept.parent / "mypy.lock") if MYPY in command and around else nullcontext():
+        if kept is not None:
+            kept.mkdir(parents=True, exist_ok=True)
+    around = None if kept is None or not kept.is_dir() else {"MYPY_CACHE_DIR": str(kept), **os.environ}
+    with FileLock(f"{kept}.lock") if MYPY in command and around else nullcontext():
         done = subprocess.run(
             [sys.executable, *command], cwd=ROOT, env=around, capture_output=True, text=True, check=False
         )

@@ -16,6 +16,7 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.proportion import proportion_interval
+from testbench.core.record import FloatArray
 
 T = TypeVar("T")
 EDGES = (0.0, 0.2, 0.5, 0.8, 0.9, 0.99, 1.0)  #: of the classes of stated probabilities
@@ -75,6 +76,16 @@ class Power:
     given: Mapping[str, float]
 
 
+def calibration_error(stated: FloatArray, right: FloatArray) -> float:
+    """Return the mean over classes of |stated - right|, of stated probabilities (n,) and whether (n,) they were right.
+
+    The classes are between :data:`EDGES`; each counts as often as it occurs.
+    """
+    place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
+    classes = [place == k for k in range(len(EDGES) - 1) if np.any(place == k)]
+    return float(sum(abs(stated[here].mean() - right[here].mean()) * np.mean(here) for here in classes))
+
+
 @dataclass(frozen=True)
 class Reliability:
     """What flights again say of stated probabilities."""
@@ -100,9 +111,7 @@ class Reliability:
         """Expected calibration error of the most probable hypothesis: mean |stated - right| over classes."""
         stated = np.array([t.stated[t.called] for t in self.trials])
         right = np.array([float(t.called == t.truth) for t in self.trials])
-        place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
-        classes = [place == k for k in range(len(EDGES) - 1) if np.any(place == k)]
-        return float(sum(abs(stated[here].mean() - right[here].mean()) * np.mean(here) for here in classes))
+        return calibration_error(stated, right)
 
     def power(self) -> dict[str, Power]:
         """Return truth -> what was stated where it flew."""

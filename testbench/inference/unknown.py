@@ -57,22 +57,22 @@ def pulses(linear: LinearModel, channels: Sequence[str], V_m_s: float, record: F
         pulse = np.where(np.arange(n) < width, rms_acceleration(state, V_m_s, record), 0.0)
         out += _shifted(forced(linear, channels, push, direct, pulse[:, None], dt)[:, :, 0], width)
     for surface in (c for c in channels if c in linear.inputs):
-        out += deflections(linear, channels, surface, float(np.nanstd(record[surface])), record.t_s)
+        out += deflections(linear, channels, surface, float(np.nanstd(record[surface])), n, dt)
     return np.stack(out, axis=2)
 
 
 def deflections(
-    linear: LinearModel, channels: Sequence[str], control: str, size: float, t_s: FloatArray
+    linear: LinearModel, channels: Sequence[str], control: str, size: float, n: int, dt_s: float
 ) -> list[FloatArray]:
-    """Return what deflections of an input of the model do to the channels, (n, p) each.
+    """Return what deflections of an input of the model do to ``n`` samples of the channels, (n, p) each.
 
     Each is ``size`` at one of the knots, 0.1 s apart, and straight lines to zero at those beside it.
     """
-    k, outputs, dt_s = linear.inputs.index(control), list(linear.outputs), float(t_s[1] - t_s[0])
+    k, outputs = linear.inputs.index(control), list(linear.outputs)
     knot = max(1, round(PATH_S / dt_s))
     hat = np.concatenate([np.arange(knot), np.arange(knot, 0, -1)]) / knot
     direct = np.array([linear.D[outputs.index(c), k] if c in outputs else 0.0 for c in channels])
-    pulse = size * np.pad(hat, (0, len(t_s)))[: len(t_s)]
+    pulse = size * np.pad(hat, (0, n))[:n]
     return _shifted(forced(linear, channels, linear.B[:, k], direct, pulse[:, None], dt_s)[:, :, 0], knot)
 
 

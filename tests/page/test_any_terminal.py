@@ -130,12 +130,10 @@ def test_an_interrupt_of_what_does_not_listen_for_one_is_one_line_and_130(monkey
 def test_a_stage_that_counts_says_how_long_the_rest_will_take():
     left = TimeLeft()
     assert left.added("fit explanations, 2 of 11 converged", 100.0) == "fit explanations, 2 of 11 converged"
-    assert (
-        left.added("fit explanations, 3 of 11 converged", 101.0) == "fit explanations, 3 of 11 converged"
-    )  # too early
-    assert left.added("fit explanations, 5 of 11 converged", 130.0).endswith(
-        "converged, 1:00 left"
-    )  # 3 in 30 s, 6 left
+    too_early = left.added("fit explanations, 3 of 11 converged", 101.0)
+    assert too_early == "fit explanations, 3 of 11 converged"
+    three_in_30_s = left.added("fit explanations, 5 of 11 converged", 130.0)
+    assert three_in_30_s.endswith("converged, 1:00 left")
     assert left.added("fit explanations, 11 of 11 converged", 150.0).endswith("converged")
     assert left.added("fit explanations, 1 of 11 converged", 151.0).endswith("converged")  # another round begins
     assert left.added("fit explanations, 2 of 11 converged", 161.0).endswith("converged, 1:30 left")

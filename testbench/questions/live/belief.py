@@ -136,6 +136,7 @@ class Expected:
         """
         names, V, span = self.structure.states, believed.at.V, believed.aircraft.geometry.b_m
         _, L_v, L_w = scale_lengths(max(believed.condition.h_m, LOWEST_M))
+        L = L_w if names[0] == "alpha" else L_v
         forced = tuple(i for i, name in enumerate(names) if name not in ATTITUDES)
         each, alone = [], []
         for k, params in enumerate(np.vstack([self.params, self.params + self.directions])):
@@ -144,7 +145,7 @@ class Expected:
             none = np.zeros((0, len(names))), np.zeros((0, inputs.shape[1]))
             each.append(cont2discrete((s.A, inputs, *none), self.dt_s)[:2])
             if not k:
-                white, L = np.zeros(len(names)), L_w if names[0] == "alpha" else L_v
+                white = np.zeros(len(names))
                 white[0] = 2.0 / (L * V)
                 for i in forced[1:]:
                     size = (_TAIL * s.A[i, i]) ** 2 * white[0]

@@ -109,7 +109,7 @@ def test_a_command_taken_for_the_surface_has_its_servo_tried_or_is_in_doubt(tmp_
     assert any("a lag behind de_cmd" in note for note in found.notes)
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 def test_an_estimator_that_refuses_costs_the_other_nothing(plain, tmp_path):
     """Too short a record for 4000 block rows: one of two gives no model."""
     edit = "[[identification.estimators]]\nmethod = 'dsr_e'\norder = 2\npast_horizon = 2000\nfuture_horizon = 2000\n\n"
@@ -132,7 +132,7 @@ def test_a_surface_that_steps_is_said_to_be_taken_as_held(tmp_path):
     assert abs(M_de.value - TRUE["M_de"]) < 4.0 * M_de.std
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 def test_an_aircraft_gives_values_before_and_coefficients(tmp_path):
     found = identify(described(tmp_path, 0.0, "de", lambda text: 'aircraft = "eolo"\n' + text))
     M_q = next(d for d in found.derivatives if d.name == "M_q")
@@ -182,7 +182,7 @@ def test_a_servo_of_what_is_no_input_is_refused_with_its_key(tmp_path):
         described(tmp_path, 0.08, edit=lambda text: text + "\n[servo.da_cmd]\nlag_s = 0.1\n")
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "flight.csv").write_text(table(0.08))
@@ -194,7 +194,7 @@ def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
     assert html.index('id="derivatives"') < html.index('id="flown"')
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 def test_identify_takes_the_folder_that_import_wrote(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "flight.csv").write_text(table(0.08))

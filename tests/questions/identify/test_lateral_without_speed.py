@@ -38,7 +38,7 @@ def derivatives(folder, *kept):
     return {d.name: d for d in tb.identify(tb.load_description(folder / "log_lateral.toml")).derivatives}
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("kept", [("beta", "p", "r", "phi"), ("p", "r", "phi"), ("V", "p", "r", "phi"), ("p", "r")])
 def test_lateral_derivatives_cover_the_truth_whatever_was_measured(tmp_path, kept):

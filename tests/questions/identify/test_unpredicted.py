@@ -11,7 +11,7 @@ from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.identify.unpredicted import _beyond_noise, missed
 
-pytestmark = pytest.mark.usefixtures("plain_fits")
+pytestmark = pytest.mark.usefixtures("plain_and_mended")
 
 RATE = 50.0
 DESCRIPTION = """title = "Two records"

@@ -22,7 +22,7 @@ from testbench.questions.importing.page import import_answer, print_import
 T = np.arange(0.0, 35.0, 0.02)
 
 
-@pytest.mark.usefixtures("plain_fits")
+@pytest.mark.usefixtures("plain_and_mended")
 def test_a_model_is_identified_from_the_manoeuvres_of_each_kind_of_log(tmp_path):
     """Rounding, filter and the interpolation of held commands (2 of 10 ms): 3 % of frequency, 5 % of damping."""
     wn = np.sqrt(Z_ALPHA * M_Q - M_ALPHA)

@@ -7,7 +7,6 @@ true coefficients are drawn from the priors that are stated. Resumes: cases that
 """
 
 import argparse
-import csv
 import hashlib
 import json
 import math
@@ -31,6 +30,7 @@ from studies.blind.flights import LOG_HZ, RATE_HZ, SETTLE_S, doublet, half_sine,
 from studies.blind.parts import parts_said
 from studies.blind.run import found_row
 from studies.blind.truth import ALPHA, ALPHA_DOT, CHORD_TIME, Law, number, prop, state, term
+from tables import write_rows
 
 from testbench.aircraft import Aircraft, Amendment, Increment, ScaleCoefficient
 from testbench.aircraft.amend import Change
@@ -43,7 +43,7 @@ from testbench.core.proportion import proportion_interval
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.flight.air import ONSET_S, Air
-from testbench.inference.calibrate import EDGES
+from testbench.inference.calibrate import calibration_error
 from testbench.questions import hidden
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.onset import LATER
@@ -396,6 +396,11 @@ class Case:
         """Whether the library lacks it."""
         return any(KINDS[k].form == "outside" for k in self.kinds)
 
+    @property
+    def in_library(self) -> bool:
+        """Whether the library has the form of all that is hidden."""
+        return all(KINDS[k].form == "library" for k in self.kinds)
+
 
 def drawn(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[Case, ...]:
     """Return the cases of a seed, in an order in which every stratum is spread evenly."""
@@ -639,8 +644,7 @@ def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[
     sure = [(c, r) for c, r in run if r["names"] and r["part"] >= SURE]
     null = [(c, r) for c, r in run if not c.kinds]
     outside = [(c, r) for c, r in run if c.outside]
-    inside = [(c, r) for c, r in run if c.kinds and not c.outside]
-    library = [(c, r) for c, r in inside if all(KINDS[k].form == "library" for k in c.kinds)]
+    library = [(c, r) for c, r in run if c.kinds and c.in_library]
     off = [(c, r) for c, r in run if any(_wrong(c, *a[:3]) for a in r["accused"])]
     count = len(run)
     return [
@@ -680,22 +684,18 @@ def figures(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> lis
     run = [(c, rows[c.name]) for c in cases if c.name in rows and rows[c.name]["outcome"] != "failed"]
     said = []  # (stated probability, whether that is right) of what the first sentence says
     for c, r in run:
-        in_library = all(KINDS[k].form == "library" for k in c.kinds)
         if r["outcome"] == "no gap":
             said.append((r["nothing"], not c.kinds))
         elif r["outcome"] in ("unexplained", "partial"):
-            said.append((r["unknown"], not in_library))
+            said.append((r["unknown"], not c.in_library))
         else:
             said.append((r["part"], part_is_right(c, r)))
     stated, right = np.array(said, dtype=float).reshape(-1, 2).T
-    place = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
-    classes = [place == k for k in set(place.tolist())]
-    error = sum(abs(stated[here].mean() - right[here].mean()) * here.mean() for here in classes)
-    library = [r for c, r in run if c.kinds and not c.outside and all(KINDS[k].form == "library" for k in c.kinds)]
+    library = [r for c, r in run if c.kinds and c.in_library]
     removed = [r["removed"] for c, r in run if c.kinds and r["removed"] is not None]
     seconds = [r["seconds"] for _, r in run]
     return [
-        ("expected calibration error of what is said", float(error), len(run), "<= 0.05"),
+        ("expected calibration error of what is said", calibration_error(stated, right), len(run), "<= 0.05"),
         ("library form: effects in the credible set, median", _median([len(r["credible"]) for r in library]),
          len(library), "<= 2"),
         ("held-out excess removed where anything is hidden, median", _median(removed), len(removed), ">= 0.8"),
@@ -711,26 +711,24 @@ def _median(values: Sequence[float]) -> float:
 
 def report(folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> None:
     """Write rates.csv, figures.csv and cases.csv."""
-    with (folder / "figures.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["figure", "value", "of", "bar"])
-        writer.writerows([n, f"{x:.3g}", of, bar] for n, x, of, bar in figures(cases, rows) if of)
-    with (folder / "rates.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["rate", "count", "of", "low", "high", "bar"])
-        for rate, count, of, bar in rates(cases, rows):
-            if of:
-                writer.writerow([rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of)), bar])
-    with (folder / "cases.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["case", "aircraft", "hidden", "said", "part", "unknown", "right part", "seconds"])
-        for c in cases:
-            if (r := rows.get(c.name)) is not None:
-                said = " | ".join(r["names"]) or r["outcome"]
-                numbers = [f"{r[n]:.3g}" if n in r else "" for n in ("part", "unknown")]
-                right = part_is_right(c, r) if c.kinds else r["outcome"] == "no gap"
-                hidden_ = " + ".join(c.kinds) or "nothing"
-                writer.writerow([c.name, c.aircraft, hidden_, said, *numbers, right, r.get("seconds", "")])
+    told = [(n, f"{x:.3g}", of, bar) for n, x, of, bar in figures(cases, rows) if of]
+    write_rows(folder / "figures.csv", ("figure", "value", "of", "bar"), told)
+    counted = [
+        (rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of)), bar)
+        for rate, count, of, bar in rates(cases, rows)
+        if of
+    ]
+    write_rows(folder / "rates.csv", ("rate", "count", "of", "low", "high", "bar"), counted)
+    each = []
+    for c in cases:
+        if (r := rows.get(c.name)) is not None:
+            said = " | ".join(r["names"]) or r["outcome"]
+            numbers = [f"{r[n]:.3g}" if n in r else "" for n in ("part", "unknown")]
+            right = part_is_right(c, r) if c.kinds else r["outcome"] == "no gap"
+            hidden_ = " + ".join(c.kinds) or "nothing"
+            each.append((c.name, c.aircraft, hidden_, said, *numbers, right, r.get("seconds", "")))
+    heads = ("case", "aircraft", "hidden", "said", "part", "unknown", "right part", "seconds")
+    write_rows(folder / "cases.csv", heads, each)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -125,7 +125,7 @@ def find_noise(
     for _ in range(_ROUNDS):
         blocks = []
         for left, T, U, starts, gusts, taken in of:
-            own = np.concatenate([starts, rms[component_of(gusts)] * gusts], axis=2)
+            own = np.concatenate([starts, rms[_component_of(gusts)] * gusts], axis=2)
             y, X, own = (prewhitened(values, colour, taken) for values in (left, T, own))
             blocks.append(Linearised(y, X, U.prewhitened(colour, taken), taken, own))
         grams, tried = [Grams.made(block) for block in blocks], []
@@ -140,8 +140,8 @@ def find_noise(
         for block, (*_, starts, gusts, _), (found, Sigma) in around:
             k, q = block.columns.shape[2], block.all_own.shape[2]
             met = slice(k + starts.shape[2], k + q)
-            np.add.at(gust, component_of(gusts), found[met] ** 2)
-            np.add.at(told, component_of(gusts), 1.0 - np.diag(Sigma)[met])
+            np.add.at(gust, _component_of(gusts), found[met] ** 2)
+            np.add.at(told, _component_of(gusts), 1.0 - np.diag(Sigma)[met])
             for c in range(p):
                 moved = block.unknown.response[c, :, : len(found) - k - q]
                 Z = np.concatenate([block.columns[:, c], block.all_own[:, c], moved], axis=1)
@@ -162,7 +162,7 @@ def find_noise(
     return NoiseFound({n: (s, e) for n, s, e in each}, known)
 
 
-def component_of(gusts: FloatArray) -> NDArray[np.int_]:
+def _component_of(gusts: FloatArray) -> NDArray[np.int_]:
     """Return the component of the gust, u, v or w, of each column."""
     changes = (gusts.shape[2] - len(COMPONENT)) // 3
     return np.array([*COMPONENT, *[0, 1, 2] * changes][: gusts.shape[2]], dtype=int)
@@ -186,12 +186,12 @@ class _Unknown:
         self._stirred = stirred
         there, outputs = tuned.at(record), tuned.outputs
         self._dt_s, V, n = record.dt_s, there.condition.V_m_s, len(record)
-        moved = [pulses(there.linear, outputs, V, record)]
+        pushes = [pulses(there.linear, outputs, V, record)]
         for control in there.linear.inputs:
             if control not in outputs and (sent := f"{control}_cmd") in record:
                 size = float(np.nanstd(record[sent]))
-                moved.append(np.stack(deflections(there.linear, outputs, control, size, record.t_s), axis=2))
-        self._pulses = np.concatenate(moved, axis=2) / tuned.noise_std[:, None]
+                pushes.append(np.stack(deflections(there.linear, outputs, control, size, n, self._dt_s), axis=2))
+        self._pulses = np.concatenate(pushes, axis=2) / tuned.noise_std[:, None]
         self._first = np.argmax(np.any(self._pulses != 0.0, axis=1), axis=0)
         self._motion = np.maximum(np.array([float(np.nanstd(record[c])) for c in outputs]) / tuned.noise_std, 1.0)
         calm = replace(there, whiten=None, colour={}, surface_noise={})
@@ -230,6 +230,7 @@ class _Unknown:
     def own(self, part: slice) -> tuple[FloatArray, FloatArray]:
         """Return what states at the start of a part, and what each change of turbulence of rms 1 m/s, do in it."""
         n, driven = part.stop - part.start, self._driven
+        if not self._stirred:
+            return self._starts[:n], driven[:n, :, :0]
         begun = [np.concatenate([np.zeros_like(driven[:k]), driven[: n - k]]) for k in range(1, n, self._stride)]
-        gusts = np.concatenate([self._met[:n], *begun], axis=2)
-        return self._starts[:n], gusts if self._stirred else gusts[:, :, :0]
+        return self._starts[:n], np.concatenate([self._met[:n], *begun], axis=2)
