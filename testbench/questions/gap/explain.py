@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import exp1, logsumexp
 
 from testbench.aircraft import Aircraft
 from testbench.core.words import with_error
@@ -39,6 +39,8 @@ P_NOTHING, P_EFFECT, P_PAIR, P_COEFFICIENT, P_OPEN, P_STRANGER = 0.40, 0.30, 0.0
 P_ONSET = 0.1  # that what is missing does not act in all of the records, but begins or ends in flight
 P_IMITATED = 0.5  # that something which the library lacks is imitated, better than by an unknown motion alone
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
+FORMS = (0.003, 1.0 / 3.0)  # between which the relative error of what imitates lies, log-uniform
+_LEAST = 1e-300  # of which a logarithm is taken
 SAID = 0.01  # probability from which an explanation is spoken of
 _TOLD, _SURE = 4, 0.9999  # explanations, while others are sought, none of which is told to be more probable
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
@@ -138,7 +140,10 @@ class Weights:
 
     @cached_property
     def _log(self) -> dict[tuple[str, str], float]:
-        """Return (hypothesis, "whole" or "imitated") -> ln of its prior times its evidence."""
+        """Return (hypothesis, how) -> ln of its prior times its evidence.
+
+        It is the "whole" story, "alike" to it within the noise, or "imitated" by it beside an unknown motion.
+        """
         out = {}
         for name, (log_whole, log_part) in self.logs.items():
             if name == "nothing":
@@ -148,9 +153,12 @@ class Weights:
             whole, alike = self._prior(name)
             begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[name].singles if e.later))
             out[name, "whole"] = math.log(whole) + log_whole + begins
+            stranger = math.log(P_STRANGER * P_IMITATED / alike) + begins
+            unseen = within_noise(log_whole - self.logs["nothing"][0])
+            out[name, "alike"] = stranger + math.log(max(unseen, _LEAST)) + log_whole
             # Beside an unknown motion, which is any force, a term of forces says nothing more.
             if not any(e.name in self.terms for e in self.effects[name].singles):
-                out[name, "imitated"] = math.log(P_STRANGER * P_IMITATED / alike) + log_part + begins
+                out[name, "imitated"] = stranger + math.log(max(1.0 - unseen, _LEAST)) + log_part
         return out
 
     @cached_property
@@ -166,6 +174,11 @@ class Weights:
     @property
     def unknown(self) -> float:
         """Probability of something that no effect of the library is, whether one imitates it or none."""
+        return sum(p for (_, how), p in self._probability.items() if how != "whole")
+
+    @property
+    def needed(self) -> float:
+        """Probability that no explanation does without an unknown motion beside it."""
         return sum(p for (_, how), p in self._probability.items() if how == "imitated")
 
     @property
@@ -179,7 +192,7 @@ class Weights:
 
     def imitates(self, name: str) -> float:
         """Return the probability that what the library lacks does nearly this; of "nothing", that no effect is near."""
-        return self._probability.get((name, "imitated"), 0.0)
+        return sum(self._probability.get((name, how), 0.0) for how in ("alike", "imitated"))
 
     def part(self, names: Sequence[str]) -> float:
         """Return the probability that what the model lacks acts in parts of these names and in no others.
@@ -221,6 +234,17 @@ class Weights:
         if near and self.imitates(near) > 0.5 * self.unknown:
             return "partial", (near,)
         return "unexplained", ()
+
+
+def within_noise(gain: float) -> float:
+    """Return the probability that what an effect imitates cannot be told from it, by its ``gain`` in ln p over nothing.
+
+    A relative error d of its form costs d^2 gain, so that it is the mean of exp(-d^2 gain) over d (:data:`FORMS`).
+    """
+    if gain <= 0.0:
+        return 1.0
+    low, high = (exp1(d * d * gain) for d in FORMS)
+    return float((low - high) / (2.0 * math.log(FORMS[1] / FORMS[0])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,7 +376,7 @@ class Naming:
         told = "; or ".join(f"{f.effect.title}, {f.size} ({percent(f.probability)})" for f in named)
         others = [f"nothing {percent(w.nothing)}"] if w.nothing >= SAID else []
         others += [f"something that the library lacks {percent(w.unknown)}"] if w.unknown >= SAID else []
-        head = "one of these, which these data do not separate" if len(named) > 1 or others else "probably"
+        head = "one of these, which these data do not separate" if len(named) > 1 else "probably"
         return f"{head}: {'; or '.join([told, *others])}{beside}. To separate them: {best.effect.separated_by}"
 
     @property

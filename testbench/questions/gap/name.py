@@ -39,9 +39,9 @@ MOST, COEFFICIENTS, TERMS = 7, 3, 3  # effects, coefficients and terms that forc
 SHOWN = 12  # terms that are listed
 BEGINS = 2  # points from which an effect is fitted, the best first
 BESIDE = 4  # effects that are flown beside each of the best
-NEEDS = 0.1  # probability of something unknown from which another is sought beside the two best, not the best alone
+NEEDS = 0.1  # that an unknown motion is needed, from which another is sought beside the two best, not the best alone
 PARTNER = 8.0  # in ln p to first order: what another must gain beside an effect to be flown; neither decides anything
-ELSEWHERE = 0.5  # probability of something that the library lacks from which what begins in flight is tried first
+ELSEWHERE = 0.5  # the same probability, from which what begins in flight is tried first
 INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
 
 
@@ -57,7 +57,7 @@ class Sought:
     pairs: bool = True  #: where one effect does not explain all, two at once are tried, or three
     held_out: Sequence[FlightRecord] = ()  #: measured records that judge
     #: (believed, comparison) -> whether what is missing may act in a part of the flights alone, so that no second
-    #: effect is sought where the library lacks something more probably than not (``ELSEWHERE``)
+    #: effect is sought where no explanation does without an unknown motion (``ELSEWHERE``)
     elsewhere: Callable[[Believed, Comparison], bool] = lambda believed, table: False
     #: of the open set that an earlier search flew, and of how many they were chosen
     terms: tuple[tuple[OpenTerm, ...], int] = ((), 1)
@@ -148,7 +148,7 @@ def name_effect(
         ask_terms()
         out = weighed(out)
     for several in (1, 2) if what.pairs else ():
-        if out.nothing > 0.5 or (several == 1 and out.unknown > ELSEWHERE and what.elsewhere(believed, out.table)):
+        if out.nothing > 0.5 or (several == 1 and out.needed > ELSEWHERE and what.elsewhere(believed, out.table)):
             break
         others = [e for e in known.values() if e.name not in rejected]
         more = _beside_the_best(asker, out, several, others, say)
@@ -194,7 +194,7 @@ def _beside_the_best(
         for name in [n for n in asker.wrong(*have) if n not in have][:COEFFICIENTS]:
             out.append((wrong_coefficient(*have, name), asker.coefficient(*have, name)))
     leading = [found.effects[n] for n in order if found.effects[n].parameters]
-    leading = leading[: 2 if several == 1 and found.unknown > NEEDS else several]
+    leading = leading[: 2 if several == 1 and found.needed > NEEDS else several]
     known = [{e.name for e in effect.singles} for effect in found.effects.values()]
     for first in [e for e in leading if len(e.singles) == several]:
         say(f"seek another effect in addition to {first.title}")

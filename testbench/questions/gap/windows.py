@@ -80,6 +80,7 @@ _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
 _AT_REST = 0.1  # of chi-square
 _SHARES = (1.0, 0.4, 0.1)
+_SURVIVES = (1.0, 0.5, 0.25, 0.0)  # of the way from what the first readings tell to a fitted start, tried in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,7 +388,37 @@ def _from_readings(
     """
     out = dict(starts)
     for horizon_s in _HORIZONS_S:
+        out = _surviving(plain, _beginnings(records, horizon_s), starts, out)
         out = _fitted(plain, records, out, horizon_s, _ROUNDS)
+    return out
+
+
+def _beginnings(records: Mapping[str, FlightRecord], horizon_s: float) -> dict[str, FlightRecord]:
+    """Return no more than ``horizon_s`` of each record."""
+    return {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in records.items()}
+
+
+def _surviving(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    told: Mapping[str, FreeStart],
+    fitted: Mapping[str, FreeStart],
+) -> dict[str, FreeStart]:
+    """Return the fitted starts, on the way back to those that the first readings told where they end in a limit.
+
+    A model that is far off may be fitted to a beginning by what leads it away after that: four times the thrust.
+    """
+    out = dict(fitted)
+    there = replace(believed, free_starts=out)
+    tried = {}
+    for name, record in records.items():
+        at, first = (starts[key_of_start(record)].origin for starts in (fitted, told))
+        tried[name] = [first + share * (at - first) for share in _SURVIVES]
+    flights([there.wanted_to_read(records[n], x) for n, xs in tried.items() for x in xs])
+    for name, record in records.items():
+        key = key_of_start(record)
+        costs = ((x, there.cost_of_start(record, x)) for x in tried[name])
+        out[key] = replace(out[key], origin=next((x for x, cost in costs if math.isfinite(cost)), out[key].origin))
     return out
 
 
@@ -400,7 +431,7 @@ def _fitted(
 ) -> dict[str, FreeStart]:
     """Return starts fitted to no more than ``horizon_s`` of each record, by so many rounds at most."""
     out = dict(starts)
-    moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in records.items()}
+    moving = _beginnings(records, horizon_s)
     far = moving  # whose last step was so long that tangents must be taken anew
     for _ in range(rounds):
         out |= _linearised(believed, far, out)

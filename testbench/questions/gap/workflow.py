@@ -32,7 +32,7 @@ from testbench.questions.gap.name import ELSEWHERE, Sought, name_effect, nearest
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.scenario import Drive, Windows
-from testbench.questions.gap.search.point import Point, retune
+from testbench.questions.gap.search.point import NOT_FLOWN, Point, retune
 from testbench.questions.gap.starts import called
 from testbench.questions.gap.windows import as_they_start, begin_freely, in_windows, nearly_trimmed
 
@@ -260,10 +260,10 @@ class _Asked:
         if weighed.open:  # one of hundreds of terms may do what an effect does in a part of the flights
             begun = self._begun(found)
             return begun if begun is not None and begun.naming.names and not begun.naming.weighed.open else found
-        if weighed.unknown <= ELSEWHERE or not self._elsewhere(found.believed, weighed.table):
+        if weighed.needed <= ELSEWHERE or not self._elsewhere(found.believed, weighed.table):
             return found  # what acts in all records explains them
         begun = self._begun(found)
-        if begun is not None and begun.naming.weighed.unknown < ELSEWHERE:
+        if begun is not None and begun.naming.weighed.needed < ELSEWHERE:
             return begun
         return self._found(believed, noise, self.sought, found)
 
@@ -342,7 +342,10 @@ class _Asked:
                 begins = onset.begin_there(believed, cut, place, records[place.record], tuned)
             effects = onset.later({n: of[n] for n in list(near)[:NEAR] if n in of}, place)
             flown = list(cut.values())
-            gain = nearest(in_air(begins, found.air), flown, [e for e in effects.values() if e.later])
+            try:
+                gain = nearest(in_air(begins, found.air), flown, [e for e in effects.values() if e.later])
+            except NOT_FLOWN:  # the a-priori model leaves its limits from where the cut begins
+                continue
             if gain > best:
                 best, at = gain, (begins, replace(alone, effects=effects), cut, place)
         if not np.isfinite(best):

@@ -12,6 +12,7 @@ import pytest
 from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from scipy.linalg import solve_discrete_are
 
+from testbench.core.record import FlightAborted
 from testbench.effects import EFFECTS
 from testbench.flight.air import scale_lengths
 from testbench.inference.linear import prewhitened
@@ -160,11 +161,35 @@ def test_the_filter_whitens_what_its_own_model_makes(believed, colour):
 def test_along_a_flight_at_trim_the_model_is_the_one_about_trim(believed, turbulent):
     records, _ = turbulent
     about = GustModel.at_trim(believed, 300.0, records[0].dt_s)
-    along = GustModel.along(believed, 300.0, records[0])
+    along = GustModel.along(believed, 300.0, records[0], believed.suite)
     for name in ("F", "Q", "H"):
         there = getattr(about, name)[0]
         assert getattr(along, name)[0] == pytest.approx(there, rel=1e-4, abs=1e-6 * np.abs(there).max()), name
     assert np.abs(along.F - about.F).max() > 1e-3  # and in the manoeuvre it is another
+
+
+def test_a_sensor_that_comes_near_does_not_whiten_what_all_explanations_leave(believed, turbulent):
+    """T-38, p gain 0.86: whitened as phi at 1.15 reads gusts, p at 0.87 fell from 2 to 98 behind it in ln p."""
+    records, found = turbulent
+    beside = believed.with_effect(EFFECTS["q_scale"], {"scale": 0.7})
+    left = np.random.default_rng(8).standard_normal((len(records[0]), len(believed.outputs)))
+    plain, near = (in_air(believed, found, along).whiten(records[0], left) for along in (None, beside))
+    assert near == pytest.approx(plain, abs=1e-9)
+    another = in_air(beside, found).whiten(records[0], left)
+    assert np.abs(another - plain).max() > 0.01  # which those of its own sensors are not
+
+
+def test_where_the_flight_along_which_air_is_heard_ends_the_filter_is_that_about_trim(believed, turbulent):
+    """An effect that comes near may leave the limits of the aircraft in a record that it was not fitted to."""
+    records, found = turbulent
+    wild = believed.with_nuisances({"Cm_alpha": -3.0})
+    with pytest.raises(FlightAborted):
+        wild.flown(records[0])
+    left = np.random.default_rng(9).standard_normal((len(records[0]), len(believed.outputs)))
+    about = GustModel.at_trim(wild, found.height_m, records[0].dt_s)
+    there = GustFilter.of(about, found.rms_m_s, believed.taken(records[0]))
+    white = in_air(believed, found, wild).whiten(records[0], left)
+    assert white == pytest.approx(there.whiten(left), abs=1e-12)
 
 
 @pytest.mark.slow

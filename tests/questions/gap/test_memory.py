@@ -57,7 +57,7 @@ def test_along_a_flight_at_trim_the_model_is_the_one_about_trim(name):
     model = amended(name)
     record = measure(model, 7, duration_s=4.0)[0]
     about = GustModel.at_trim(model, 300.0, record.dt_s)
-    along = GustModel.along(model, 300.0, record)
+    along = GustModel.along(model, 300.0, record, model.suite)
     for matrix in ("F", "Q", "H"):
         there = getattr(about, matrix)[0]
         assert getattr(along, matrix)[0] == pytest.approx(there, rel=1e-4, abs=1e-6 * np.abs(there).max()), matrix

@@ -9,6 +9,7 @@ from studies.blind.parts import UNSEEN
 from testbench.effects import library
 from testbench.effects.base import together
 from testbench.flight import load_aircraft
+from testbench.inference.calibrate import SURE
 from testbench.questions.gap.explain import (
     P_COEFFICIENT,
     P_EFFECT,
@@ -18,6 +19,7 @@ from testbench.questions.gap.explain import (
     P_PAIR,
     Weights,
     percent,
+    within_noise,
     wrong_coefficient,
 )
 from testbench.questions.gap.figures import _NOSE, _REGIONS, part_plate
@@ -72,10 +74,24 @@ def test_probabilities_are_prior_times_evidence_and_add_up():
     named = sum(found[n] for n in found.effects)
     assert found.nothing + named + found.unknown == pytest.approx(1.0, abs=1e-12)
     assert found["actuator_lag"] / found["rate_limit"] == pytest.approx(7.389, rel=1e-3)  # both are one of 50
-    assert found.credible()[:2] == ("actuator_lag", "rate_limit")
+    assert found.credible() == ("actuator_lag", "unknown", "rate_limit")
     inside = sum(found[n] + P_IN_PART * found.imitates(n) for n in ("actuator_lag", "rate_limit"))
     assert found.part(["elevator path"]) == pytest.approx(inside, rel=1e-12)
     assert found.part(["alpha sensor"]) < 1e-6
+
+
+def test_what_gains_little_may_be_an_imitation_that_noise_hides():
+    """The mean of exp(-d^2 gain) over ln d from ln 0.003 to ln 1/3, by the trapezoidal rule."""
+    d = np.exp(np.linspace(np.log(0.003), np.log(1.0 / 3.0), 20001))
+    for gain in (1.0, 40.0, 1e3, 1e5, 1e7):
+        hidden_by_noise = np.exp(-(d**2) * gain)
+        mean = np.trapezoid(hidden_by_noise, np.log(d)) / np.log(d[-1] / d[0])
+        assert within_noise(gain) == pytest.approx(mean, rel=1e-6, abs=1e-30)
+    assert within_noise(-3.0) == 1.0
+    little, much = (weighed(nothing=(-gain, -gain), actuator_lag=(0.0, -5.0)) for gain in (40.0, 40_000.0))
+    assert little.needed < 0.01
+    assert little.unknown > 4.0 * much.unknown > 0.0
+    assert little["actuator_lag"] < SURE < much["actuator_lag"]
 
 
 def test_an_effect_that_needs_an_unknown_motion_imitates_what_the_library_lacks():
@@ -90,7 +106,8 @@ def test_an_effect_that_needs_an_unknown_motion_imitates_what_the_library_lacks(
     ("evidence", "said"),
     [
         ({"nothing": (0.0, -5.0), "actuator_lag": (2.0, -5.0)}, ("no gap", ())),  # one of fifty gains as much by chance
-        ({"nothing": (-90.0, -50.0), "actuator_lag": (0.0, -5.0)}, ("named", ("actuator_lag",))),
+        ({"nothing": (-900.0, -50.0), "actuator_lag": (0.0, -5.0)}, ("named", ("actuator_lag",))),
+        ({"nothing": (-30.0, -30.0), "actuator_lag": (0.0, -5.0)}, ("set", ("actuator_lag",))),  # or what is like it
         (
             {"nothing": (-90.0, -50.0), "actuator_lag": (0.0, -5.0), "rate_limit": (-1.0, -5.0)},
             ("set", ("actuator_lag", "rate_limit")),
@@ -113,8 +130,8 @@ def test_the_prior_is_shared_by_all_of_a_kind():
     assert ratio == pytest.approx(
         {one.name: P_EFFECT / 50, both.name: P_PAIR / 1225, wrong.name: P_COEFFICIENT / 5, "term": P_OPEN / 200}
     )
-    of_lag = plain[one.name] + plain[both.name]
-    assert plain.holds([one.name]) == pytest.approx(of_lag)  # nothing imitates here
+    of_lag = sum(plain[n] + P_IN_PART * plain.imitates(n) for n in (one.name, both.name))
+    assert plain.holds([one.name]) == pytest.approx(of_lag)
     assert plain.holds([]) == 0.0
 
 

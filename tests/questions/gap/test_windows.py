@@ -42,6 +42,7 @@ from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
     commands,
+    freed,
     key_of_start,
     quiet_samples,
     starts_freely,
@@ -49,8 +50,18 @@ from testbench.questions.gap.evidence.commanded import (
 from testbench.questions.gap.name import Sought, name_effect
 from testbench.questions.gap.scenario import windows_of
 from testbench.questions.gap.search.point import Point, fly_together
-from testbench.questions.gap.starts import FreeStart
-from testbench.questions.gap.windows import LEAD_S, LONGEST_S, begin_freely, cut, in_windows, longest, nearly_trimmed
+from testbench.questions.gap.starts import FreeStart, record_key
+from testbench.questions.gap.windows import (
+    LEAD_S,
+    LONGEST_S,
+    _surviving,
+    begin_freely,
+    cut,
+    in_windows,
+    level,
+    longest,
+    nearly_trimmed,
+)
 from testbench.questions.gap.workflow import GapSearch, find_gap
 
 RARE = 1e-4
@@ -368,6 +379,22 @@ def test_starts_that_a_poor_model_was_caught_in_are_left_again(believed):
         key = key_of_start(window)
         costs = [replace(truth, free_starts=s).cost_of_start(window, s[key].origin) for s in (anew, again)]
         assert costs[1] < costs[0] + 1.0
+
+
+def test_a_start_that_fits_the_beginning_and_leaves_the_limits_goes_back_until_it_flies(believed, flown):
+    """A small aircraft from its plan, its aileron yaw 42 times: four times the thrust fitted the first 3 s alone."""
+    window = freed(flown, record_key(flown), level(flown))
+    key = key_of_start(window)
+    told = replace(begin_freely(believed, {"": window}).free_starts[key])
+    k = told.names.index("theta")
+    diving = replace(told, origin=told.origin + 1.5 * np.eye(len(told.names))[k])
+    there = replace(believed, free_starts={key: diving})
+    with pytest.raises(FlightAborted):
+        there.read_from(window, diving.origin)
+    back = _surviving(believed, {"": window}, {key: told}, {key: diving})[key].origin
+    assert replace(believed, free_starts={key: replace(told, origin=back)}).read_from(window, back).shape[0]
+    assert told.origin[k] <= back[k] < diving.origin[k]
+    assert np.delete(back, k) == pytest.approx(np.delete(told.origin, k))
 
 
 def after_another(truth: Believed, seed: int, rest_s: float = 2.0) -> FlightRecord:

@@ -74,7 +74,8 @@ def solved(request):
 def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
     case, result = solved
     finding = result.finding
-    assert finding.naming.outcome == "named", finding.naming.sentence
+    # Alone, or beside something that is like it within the noise: so may a small effect be (explain.within_noise).
+    assert finding.naming.outcome in ("named", "set"), finding.naming.sentence
     assert finding.naming.names == (CASES[case],)
     for shrink in finding.shrink:
         channels = finding.believed.outputs
@@ -101,10 +102,12 @@ def test_noise_that_is_a_third_more_than_stated_moves_neither_the_name_nor_its_p
         assert abs(scale - 1.3) < 4.0 * error < 0.2  # false alarm 6e-5 a channel
     assert "times the stated noise" in finding.noise.sentence
     weighed = finding.naming.weighed
-    assert weighed["alpha_scale"] > 0.98  # as it is with the noise as stated, the start of the one record being free
+    others = sum(p for n, p in weighed.stated.items() if n not in ("alpha_scale", "unknown"))
+    assert others < 0.02 * weighed["alpha_scale"]  # as with the noise as stated, the start of the one record being free
+    assert weighed.needed < 0.01
     value, error = weighed.table["alpha_scale"].posterior["alpha_scale.scale"]
     assert abs(value - 1.10) < 4.0 * error
-    assert finding.verdict.probability > 0.99
+    assert finding.verdict.probability > 0.9
     assert finding.naming.probabilities in finding.sentences
     assert weighed.nothing < 1e-6
 

@@ -183,17 +183,19 @@ def plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tu
 def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
     """Return ``believed`` with residuals that are white in ``air``; as it is if nothing colours them.
 
-    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given. So does the noise of
-    recorded surfaces that drive the model.
+    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given, and on sensors as they
+    are believed: whitened as one that errs reads gusts, residuals beside all other explanations would be coloured. The
+    noise of recorded surfaces that drive the model works on these flights, too.
     """
     if not (air.moves or believed.surface_noise):
         return believed
-    return replace(believed, whiten=filter_in(along or believed, air).whiten)
+    return replace(believed, whiten=filter_in(along or believed, air, believed).whiten)
 
 
-def filter_in(believed: Believed, air: AirFound) -> FlightFilter:
-    """Return the filter along the flights of ``believed`` in that air."""
-    return FlightFilter(replace(believed, whiten=None), air.rms_m_s if air.moves else 0.0, air.height_m)
+def filter_in(along: Believed, air: AirFound, believed: Believed | None = None) -> FlightFilter:
+    """Return the filter along the flights of ``along`` in that air, with the sensors of ``believed``, if given."""
+    rms_m_s, sensors = air.rms_m_s if air.moves else 0.0, (believed or along).suite
+    return FlightFilter(replace(along, whiten=None), rms_m_s, air.height_m, sensors)
 
 
 def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

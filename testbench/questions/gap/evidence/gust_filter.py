@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 from scipy.linalg.blas import dtbsv
 
-from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.parametric.kalman.innovations import sampled_noise
+from testbench.core.errors import LimitError
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.estimators.parametric.kalman.innovations import sampled_noise, steady_covariance
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.flight.linear_model import LAW
 from testbench.inference.linear import prewhitened
@@ -34,7 +34,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import LATERAL_CHANNELS, jumps, surface_noise
 from testbench.questions.gap.flights import linear_along
 from testbench.questions.gap.starts import record_key
-from testbench.sensors import Sensor
+from testbench.sensors import Sensor, SensorSuite
 
 COMPONENT = (0, 1, 1, 2, 2)  # u, v or w of each state of the forming filters
 FORMING = len(COMPONENT)
@@ -84,12 +84,16 @@ class GustModel:
         return cls._of(believed, height_m, dt_s, _Linear(names, A, C, linear.outputs, theta))
 
     @classmethod
-    def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
-        """Do the same along the aircraft's flight through the commands of a record, linear about every sample."""
+    def along(cls, believed: Believed, height_m: float, record: FlightRecord, suite: SensorSuite) -> GustModel:
+        """Do the same along the aircraft's flight through the commands of a record, linear about every sample.
+
+        It is read by the sensors of ``suite``.
+        """
         believed = believed.at(record)
         names, flown = _moving(believed), believed.flown(record)
         A, C, outputs = linear_along(believed.flyer, flown, names)
-        found = cls._of(believed, height_m, record.dt_s, _Linear(names, A, C, outputs, flown["theta"]))
+        linear = _Linear(names, A, C, outputs, flown["theta"])
+        found = cls._of(replace(believed, suite=suite), height_m, record.dt_s, linear)
         for i, control in enumerate(believed.surface_noise):
             if control in surface_noise(record):
                 found = found._with_jumps(i - len(believed.surface_noise), jumps(record, control))
@@ -233,11 +237,15 @@ _INDEPENDENT = 1e-6  # share of the largest singular value below which free colu
 
 @dataclass(frozen=True, eq=False)
 class FlightFilter:
-    """Whitens the residuals of records, each along the believed flight through it, in turbulence of a vertical rms."""
+    """Whitens the residuals of records, each along the believed flight through it, in turbulence of a vertical rms.
+
+    Where that flight leaves the limits of the aircraft, it is the filter about trim.
+    """
 
     believed: Believed
     rms_m_s: float
     height_m: float
+    suite: SensorSuite  #: that reads them
     _along: dict[str, GustFilter] = field(default_factory=dict)
 
     def whiten(self, record: FlightRecord, residuals: FloatArray) -> FloatArray:
@@ -251,7 +259,11 @@ class FlightFilter:
     def _of(self, record: FlightRecord) -> GustFilter:
         key = record_key(record)
         if key not in self._along:
-            model = GustModel.along(self.believed, self.height_m, record)
+            try:
+                model = GustModel.along(self.believed, self.height_m, record, self.suite)
+            except (FlightAborted, LimitError):
+                there = replace(self.believed.at(record), suite=self.suite)
+                model = GustModel.at_trim(there, self.height_m, record.dt_s)
             self._along[key] = GustFilter.of(model, self.rms_m_s, self.believed.taken(record))
         return self._along[key]
 
@@ -282,7 +294,7 @@ class GustFilter:
         if model.colour.any():
             F, H, Q = _prewhitened(F, H, Q, model.colour, valid)
             size = F.shape[1]
-        P = P0 = solve_discrete_are(F[0].T, H[-1].T, Q[0], np.eye(p))
+        P = P0 = steady_covariance(F[0], H[-1], Q[0], np.ones(p))
         if len(model.F) == 1 and valid.all():
             K, W, log_det = (np.broadcast_to(g, (n, *np.shape(g))) for g in _gain(F[0], P, H[-1], valid[0]))
             if model.colour.any():  # the first sample follows none
