@@ -33,6 +33,7 @@ _WORD = 26  # letters of a word that stand side by side at least; longer ones, s
 _HEAD = 10  # letters of a word above numbers that stand side by side at least
 _WORDS = re.compile("(?<!±)[ \n](?!±)")  # what stands between words; "0.10 ± 0.02" is one
 _COUNTS = re.compile(r"\b(\d+) of (\d+)\b")
+_LINES_S = 5.0  # between lines of a stage that counts
 _TOLD_S = 2.0  # that a stage has run before it is said how long it still takes
 _LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
@@ -136,6 +137,8 @@ def console() -> Any:
 def stages() -> Iterator[Callable[[str], None]]:
     """Show the stage that is running: a spinner with the time elapsed on a terminal, plain lines elsewhere.
 
+    There a stage that counts has a line as it begins and then one every five seconds.
+
     "quiet" shows none, "verbose" a line for each with the seconds since the first. One that says how many are done,
     "3 of 11", is followed by the time that the rest will take (:class:`TimeLeft`).
     """
@@ -150,7 +153,12 @@ def stages() -> Iterator[Callable[[str], None]]:
         yield lambda text: print(f"{time.monotonic() - begun:7.1f} s  {left.added(text)}", file=sys.stderr, flush=True)
         return
     if not screen.is_terminal:
-        yield lambda text: print(f"... {left.added(text)}", file=sys.stderr, flush=True)
+
+        def line(text: str) -> None:
+            if left.due(text):
+                print(f"... {left.added(text)}", file=sys.stderr, flush=True)
+
+        yield line
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -166,7 +174,19 @@ class TimeLeft:
 
     def __init__(self) -> None:
         self._stage: tuple[str, ...] = ()
-        self._first, self._begun_s = 0, 0.0
+        self._first, self._begun_s, self._said_s = 0, 0.0, 0.0
+
+    def due(self, text: str, now_s: float | None = None) -> bool:
+        """Return whether a stage needs a line of its own; one that counts does as it begins, and every _LINES_S."""
+        now = time.monotonic() if now_s is None else now_s
+        counts = _COUNTS.search(text)
+        again = counts is not None and self._of(text, counts) == self._stage and now - self._said_s < _LINES_S
+        self._said_s = self._said_s if again else now
+        return not again
+
+    @staticmethod
+    def _of(text: str, counts: re.Match[str]) -> tuple[str, ...]:
+        return text[: counts.start()], counts[2], text[counts.end() :]
 
     def added(self, text: str, now_s: float | None = None) -> str:
         """Return a stage with the time left, if it says how many are done and some have been since it began.
@@ -177,7 +197,7 @@ class TimeLeft:
         counts = _COUNTS.search(text)
         if counts is None:
             return text
-        stage = text[: counts.start()], counts[2], text[counts.end() :]
+        stage = self._of(text, counts)
         done, of = int(counts[1]), int(counts[2])
         if stage != self._stage or done < self._first:
             self._stage, self._first, self._begun_s = stage, done, now

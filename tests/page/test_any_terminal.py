@@ -139,3 +139,16 @@ def test_a_stage_that_counts_says_how_long_the_rest_will_take():
     assert left.added("fit explanations, 2 of 11 converged", 161.0).endswith("converged, 1:30 left")
     assert left.added("write report", 170.0) == "write report"
     assert clock(3723.0) == "1:02:03"
+
+
+def test_where_lines_stay_a_stage_that_counts_has_one_every_five_seconds():
+    left, said = TimeLeft(), []
+    for k in range(40):
+        text, now_s = f"repeat with {k} of 40 more seeds", 100.0 + 0.5 * k
+        if left.due(text, now_s):
+            said.append(left.added(text, now_s))
+    assert len(said) == 4
+    assert said[1] == "repeat with 10 of 40 more seeds, 0:15 left"
+    assert left.due("write report", 120.0)
+    assert left.due("write report", 120.1)  # a stage that does not count has its line
+    assert not left.due("repeat with 1 of 40 more seeds", 121.0)

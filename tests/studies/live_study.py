@@ -38,21 +38,23 @@ from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
 from testbench.flight.air import air_of
 from testbench.inputs import InputSignal
-from testbench.questions.live.ask import Session, fly_along
+from testbench.questions.live.ask import UPDATE_S, Session, fly_along
 from testbench.questions.live.stream import Sample, Source
 
 TABLE = results("live") / "flights.csv"
 COLUMNS = ("flight", "aircraft", "link_hz", "turbulence_m_s", "fault", "intervals", "held", "by_derivative",
-           "stop_after_s", "called", "load", "latency_s")  # fmt: skip
+           "foretold", "stop_after_s", "called", "load", "latency_s")  # fmt: skip
 AIRCRAFT = ("taurus", "eolo", "b1", "jsbsim:c172p", "jsbsim:J3Cub", "jsbsim:T37", "jsbsim:SGS", "jsbsim:pa28")
 FAULTS = ("reversed", "half", "late", "icing", "pitot")
 KNOWN = 0.1
 """Stated standard deviation of the coefficients, of an aircraft that was identified before."""
-SEED, SETTLE_S, RUN_S, BETWEEN_S = 67, 7.0, 8.0, 10.0
+ROUNDS = 4  # of the manoeuvres of all controls, in sound flights
+SEED, SETTLE_S, RUN_S, BETWEEN_S = 6601, 7.0, 8.0, 10.0
+SIZES_DEG = (3.0, 1.5, 0.75, 0.4)  # of inputs, the first of which flies
 SERVO_S = 0.08
 NOISE = {"p": 0.003, "q": 0.003, "r": 0.003, "alpha": 0.003, "beta": 0.003, "phi": 0.003, "theta": 0.003, "V": 0.2,
          "ax": 0.05, "ay": 0.05, "az": 0.05, "h": 0.3, "de": 0.0005, "da": 0.0005, "dr": 0.0005}  # fmt: skip
-WANTED = 0.1
+WANTED = 0.04
 LOSS, JITTER_S = 0.01, 0.01
 
 
@@ -100,11 +102,14 @@ def sent(
 
 
 def _trims(aircraft: Aircraft, condition: tb.FlightCondition) -> bool:
+    """Return whether it trims there, with room for the smallest input."""
     try:
-        tb.trim(aircraft, condition, aircraft.rate_hz)
+        trimmed = tb.trim(aircraft, condition, aircraft.rate_hz)
     except Refusal:
         return False
-    return True
+    room = 1.01 * np.radians(SIZES_DEG[-1])
+    within = ((aircraft.controls[n], x) for n, x in trimmed.controls.items() if n in ("de", "da", "dr"))
+    return all(control.low + room < x < control.full - room for control, x in within)
 
 
 def true_one(aircraft: Aircraft, number: int, fault: str) -> Aircraft:
@@ -137,9 +142,9 @@ def fly(number: int) -> dict[str, Any]:
     log_hz = next(aircraft.rate_hz / k for k in range(1, 100) if aircraft.rate_hz / k <= 120.0)
     step_s = float(np.clip(1.6 / quick, 0.15, 1.0))
     flown: list[FlightRecord] = []
-    for turn, control in enumerate(controls):
+    for turn, control in enumerate(controls * (1 if fault else ROUNDS)):
         air = air_of(AirSpec(turbulence_rms_m_s=rms), condition.h_m, 10 * number + turn) if rms else None
-        for size_deg in (3.0, 1.5, 0.75, 0.4):
+        for size_deg in SIZES_DEG:
             signal = inputs(control, step_s, np.radians(size_deg), aircraft.rate_hz)
             try:
                 manoeuvre = tb.Manoeuvre("live", signal, SETTLE_S)
@@ -158,16 +163,17 @@ def fly(number: int) -> dict[str, Any]:
     for _ in fly_along(Source(name, arriving), aircraft, wanted=WANTED, session=session):
         longest, last = max(longest, since(last)), time.process_time()
     load = since(begun) / (len(flown) * length)
-    held = {}
+    held, foretold = {}, []
     if not fault:
         there = tb.trim(true, tb.FlightCondition(session.V_m_s, session.h_m))
+        foretold = times(session)
         held = holds(session, {d.name: d.held if d.static is None else d.static
                                for d in dimensional_derivatives(linearise(true, there), there)})  # fmt: skip
     stops = [c for c in session.calls if c.kind in ("stop", "instrument")]
     after = [c.t_s - at_s for c in stops]
     return dict(zip(COLUMNS, (
         number, name, f"{link_hz:g}", f"{rms:g}", fault, len(held), sum(held.values()), json.dumps(held),
-        f"{min(after):.2f}" if after else "",
+        json.dumps(foretold), f"{min(after):.2f}" if after else "",
         "; ".join(f"{c.kind} {c.channel} {c.value:.2g} {c.words}" for c in stops[:3]), f"{load:.3f}", f"{longest:.3f}",
     ), strict=True))  # fmt: skip
 
@@ -178,6 +184,29 @@ def holds(session: Session, truth: Mapping[str, float]) -> dict[str, int]:
     return {
         e.name: int(abs(e.value - truth[e.name]) <= e.half) for e in found if e.wanted and e.std < 0.5 * abs(e.value)
     }
+
+
+def times(session: Session) -> list[list[float]]:
+    """Return [foretold, realised] time in manoeuvres, s, until each derivative was as accurate as wanted.
+
+    It is foretold as the first manoeuvre ends, and realised where that is in another.
+    """
+    out = []
+    for plane in ("longitudinal", "lateral"):
+        at_s, begun = 0.0, {}
+        for update in session.updates:
+            if plane not in update.active:
+                continue
+            at_s += UPDATE_S
+            for e in update.estimates.get(plane, ()):
+                if e.wanted and e.reached and e.name in begun:
+                    when, foretold = begun[e.name]
+                    if foretold:
+                        out.append([round(foretold, 2), at_s - when])
+                    begun[e.name] = 0.0, None
+                elif e.wanted and (e.reached or e.more_s is not None):
+                    begun.setdefault(e.name, (at_s, e.more_s))
+    return out
 
 
 def main() -> None:
@@ -202,6 +231,13 @@ def said(rows: list[dict[str, Any]]) -> None:
     caught = [r for r in faulty if r["stop_after_s"] and -0.5 <= float(r["stop_after_s"]) <= 3.0]
     false = [r for r in sound if r["stop_after_s"]]
     print(f"95 % intervals hold in {100.0 * held / max(n, 1):.1f} % of {n}")
+    both = np.array([pair for r in sound for pair in json.loads(r["foretold"])]).reshape(-1, 2)
+    if len(both):
+        whole, longer = np.maximum(np.ceil(both / RUN_S), 1.0), both[both[:, 1] > RUN_S]
+        off = np.abs(longer[:, 0] / longer[:, 1] - 1.0)
+        right = f"{np.mean(whole[:, 0] == whole[:, 1]):.2f} of {len(both)} right to the manoeuvre"
+        of = f"{len(off)} longer ones"
+        print(f"foretold time to accuracy: {right}; off by {np.median(off):.2f} in the median of {of}")
     calls = f"faults called within 3 s: {len(caught)} of {len(faulty)}"
     print(f"{calls}; false stops in {len(false)} of {len(sound)} flights")
     load, latency = (max(float(r[k]) for r in rows) for k in ("load", "latency_s"))

@@ -158,7 +158,7 @@ class Weights:
             out[name, "alike"] = stranger + math.log(max(unseen, _LEAST)) + log_whole
             # Beside an unknown motion, which is any force, a term of forces says nothing more.
             if not any(e.name in self.terms for e in self.effects[name].singles):
-                out[name, "imitated"] = stranger + math.log(max(1.0 - unseen, _LEAST)) + log_part
+                out[name, "imitated"] = stranger + log_part  # by the mean over sizes, seen or not
         return out
 
     @cached_property

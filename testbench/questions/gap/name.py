@@ -142,7 +142,9 @@ def name_effect(
     if out.nothing <= 0.5 and best is not None:  # does one do without the effect where it brought the coefficients?
         asked["nothing"] = asker.nothing(out.table[best].posterior.by_name)
         out = weighed(out)
-    if what.open_terms and out.nothing <= 0.5 and out.unknown > NEEDS:
+    # An effect may be alike to a term, of which it has the form to within the noise; a coefficient has the model's own.
+    doubt = out.unknown if best is not None and out.effects[best].parameters else out.needed
+    if what.open_terms and out.nothing <= 0.5 and doubt > NEEDS:
         say("search terms outside the library")
         terms, tried = asker.open_terms()
         ask_terms()

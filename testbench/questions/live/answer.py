@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _GOOD_HZ = 25.0
 """Ten samples a period of a short period of 2.5 Hz: an aircraft that one holds in the hand has a slower one."""
+_LONGEST_S = 300.0  # of manoeuvres that anybody repeats
 _NEEDED = ("p", "q", "r", "phi", "theta", "alpha", "beta", "az", "V", "de", "da", "dr", "de_cmd", "da_cmd", "dr_cmd")
 
 
@@ -78,7 +79,16 @@ def estimate_line(e: Estimate) -> str:
     if not e.wanted:
         return text
     aim = 100.0 * e.wanted / max(abs(e.believed or e.value), 1e-12)
-    return f"{text}: as wanted" if e.reached else f"{text}: {aim:.2g} % is wanted"
+    return f"{text}: as wanted" if e.reached else f"{text}: {aim:.2g} % is wanted, {more(e.more_s)}"
+
+
+def more(seconds: float | None) -> str:
+    """Return how long it takes until a derivative is as accurate as wanted."""
+    if seconds is None:
+        return "how soon is told after a manoeuvre of each control"
+    if seconds > _LONGEST_S:
+        return "larger manoeuvres are needed"
+    return f"in {max(seconds, 1.0):.0f} s of such manoeuvres"
 
 
 def link_lines(rates: Mapping[str, Rate], told: Mapping[str, str], radio: bool) -> Iterator[str]:

@@ -50,7 +50,7 @@ function show(now) {
   items(at("known"), now.derivatives, (item, d) => {
     item.className = d.reached ? "reached" : "";
     parts(item, [["span", d.name], ["b", percent(d.error)],
-                 ["small", d.reached ? "as wanted" : percent(d.wanted) + " is wanted"]]);
+                 ["small", d.reached ? "as wanted" : percent(d.wanted) + " is wanted, " + d.more]]);
   });
   items(at("calls"), now.calls, (item, [t, words]) => parts(item, [["b", t.toFixed(0) + " s "], ["span", words]]));
   if (stops !== null && now.stops > stops) alarm();

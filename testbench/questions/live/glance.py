@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.page.html import render
 from testbench.page.serve import Answer, serving
-from testbench.questions.live.answer import called
+from testbench.questions.live.answer import called, more
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -60,7 +60,7 @@ def glance(session: Session, update: Update) -> dict[str, Any]:
                 size = max(abs(e.believed or e.value), 1e-12)
                 error, wanted = 100.0 * e.std / size, 100.0 * e.wanted / size
                 derivatives.append({"name": e.name, "error": round(error, 2), "wanted": round(wanted, 2),
-                                    "reached": e.reached})  # fmt: skip
+                                    "reached": e.reached, "more": "" if e.reached else more(e.more_s)})  # fmt: skip
     return {
         "t_s": round(t_s, 1),
         "kind": {"instrument": "stop"}.get(kind, kind),
@@ -90,7 +90,7 @@ def glance_table(shown: dict[str, Any]) -> Table:
         known.add_column(head, justify="left" if head in ("derivative", "") else "right")
     for d in shown["derivatives"]:
         known.add_row(
-            d["name"], f"{d['error']:.2g} %", f"{d['wanted']:.2g} %", "as wanted" if d["reached"] else "",
+            d["name"], f"{d['error']:.2g} %", f"{d['wanted']:.2g} %", "as wanted" if d["reached"] else d["more"],
             style="green" if d["reached"] else "",
         )  # fmt: skip
     said = Text("\n".join(f"{t_s:8.1f} s  {words}" for t_s, words in shown["calls"]))

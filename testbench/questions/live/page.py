@@ -40,6 +40,7 @@ def _derivatives(session: Session) -> Table:
         Column("believed", "believed"),
         Column("wanted", "wanted std", digits=2, get=lambda e: e.wanted or None),
         Column("reached", "as wanted", get=lambda e: e.reached if e.wanted else None),
+        Column("more_s", "more manoeuvres", "s", digits=2, get=lambda e: e.more_s or None),
     )
     rows = [e for plane in _PLANES for e in session.latest(plane)]
     caption = "SI units and radians, at the trim of the last run; errors allow for residuals that are coloured."

@@ -60,6 +60,7 @@ class Estimate:
     believed: float | None  # value before the flight; None if nobody said
     wanted: float  # standard error that is wanted; 0 if none is
     reached: bool  # whether it is as small as that
+    more_s: float | None = None  # in manoeuvres like those so far until it is; None before each control was moved
 
 
 class Plane:
@@ -111,6 +112,8 @@ class Plane:
         self._parts: list[tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]] = []
         self.runs: list[Run] = []
         self.active, self._lost_s, self._learnt = False, 0.0, False
+        self._flown_s = 0.0
+        self._ended: dict[str, float] = {}  # derivative -> standard error when the last run ended
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -162,6 +165,10 @@ class Plane:
         if not self.active:
             return False
         self._feed(every=True)
+        self._flown_s += self._elapsed_s
+        fit = self.regression.fit()
+        stds = [] if fit is None else np.sqrt(np.diag(fit.corrected)).tolist()
+        self._ended = dict(zip(self.regression.names, stds, strict=False))
         self.active = False
         self._quiet.clear()
         self._lead.clear()
@@ -173,6 +180,10 @@ class Plane:
             number = len(self.regression.places) - 1
             self.runs.append(Run(number, self._ended_s - t[-1], V0, record, data[2], data[3], bool(self._said)))
         return True
+
+    @property
+    def _elapsed_s(self) -> float:
+        return max(len(self._run) * self.dt_s - LEAD_S, self.dt_s) if self.active else 0.0
 
     @property
     def so_far(self) -> Expected:
@@ -349,10 +360,24 @@ class Plane:
             share = self.wanted.get(name, self.wanted.get("", 0.0)) if name in self.targets else 0.0
             goal = share * abs(believed if believed else value)
             reached = error <= goal
+            more_s = None if reached or not goal else self._more_s(self._ended.get(name, np.inf) / goal)
             error = float(np.hypot(error, form * abs(value)))
             half = float(student.ppf(0.975, freedom)) * error
-            out.append(Estimate(name, value, error, half, believed, goal, reached))
+            out.append(Estimate(name, value, error, half, believed, goal, reached, more_s))
         return tuple(out)
+
+    def _more_s(self, times: float) -> float | None:
+        """Return the time in manoeuvres until a standard error is reached that is so many ``times`` smaller.
+
+        Information grows by as much with each as it did so far; within one it comes with its steps.
+        """
+        if (
+            not self._flown_s
+            or not np.isfinite(times)
+            or not {c for r in self.runs for c in r.moved} >= {*self.sources}
+        ):
+            return None
+        return max(self._flown_s * (times**2 - 1.0) - self._elapsed_s, 0.0)
 
     def _watching(self, quiet: FloatArray) -> Watched | None:
         """Return the bank of filters, which has flown the undisturbed flight (n, channels) before a run."""

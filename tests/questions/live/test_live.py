@@ -3,7 +3,10 @@
 import io
 import json
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 import tty
@@ -45,8 +48,8 @@ def flown() -> FlightRecord:
     u = np.zeros(t.size)
     for begin, end, size in ((0.0, 0.9, 1.0), (0.9, 1.5, -1.0), (1.5, 1.8, 1.0), (1.8, 2.1, -1.0)):
         u[(t >= begin) & (t < end)] = size * np.radians(2.0)
-    signal = InputSignal(t, u[:, None], ("de",))
-    return tb.fly_and_measure(tb.Job(aircraft, trimmed, tb.Manoeuvre("3211", signal, 6.0), 120.0)).flown
+    steps = InputSignal(t, u[:, None], ("de",))
+    return tb.fly_and_measure(tb.Job(aircraft, trimmed, tb.Manoeuvre("3211", steps, 6.0), 120.0)).flown
 
 
 def arriving(rate_hz=50.0, wrong=1.0, frozen="", seed=0):
@@ -171,6 +174,31 @@ def test_who_no_longer_reads_what_is_called_loses_no_flight(tmp_path, monkeypatc
     samples = [x for x in (tmp_path / "out" / "live_flight" / "stream.jsonl").read_text().splitlines() if x[0] == "["]
     assert json.loads(samples[-1])[0] > flown().t_s[-1] - 0.1
     assert screen.print.call_count == 1
+
+
+def test_a_flight_that_is_ended_by_hand_is_kept_and_plays_again(tmp_path):
+    """In a process of its own, which alone can be interrupted; some four seconds."""
+    replace(flown().decimate(3).select(["V", "h", "alpha", "q", "az", "de"]), kind="measured").save(tmp_path / "a.nc")
+    words = ["live", "--replay", "a.nc", "--speed", "2", "--aircraft", "taurus", "-o", "out"]
+    running = subprocess.Popen(
+        [sys.executable, "-m", "testbench", *words],
+        cwd=tmp_path,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    kept, until = tmp_path / "out" / "live_a" / "stream.jsonl", time.monotonic() + 60.0
+    while time.monotonic() < until and not (kept.is_file() and len(kept.read_text().splitlines()) > 200):
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    said, errors = running.communicate(timeout=60.0)
+    assert running.returncode == 0, errors
+    assert not errors
+    assert "Ended by hand." in said
+    assert (tmp_path / "out" / "live_a" / "report.html").is_file()
+    again = open_source(str(tmp_path / "out" / "live_a"), {}, {}, None, False, 0.0)
+    times = [s.t_s for s in again.samples if isinstance(s, Sample)]
+    assert 3.0 < times[-1] < flown().t_s[-1] - 1.0
 
 
 def test_what_no_clock_or_instrument_can_give_is_dropped():
@@ -400,7 +428,7 @@ def test_the_page_is_shown_to_who_has_its_token_at_the_address_that_was_chosen()
     session = Session("flight", tb.load_aircraft("taurus", "rigid"))
     session.told = {"longitudinal": ""}
     session.calls = [Call(10.0, "stop", "de", 0.5, 0.97, "gain")]
-    estimate = Estimate("M_q", -1.4, 0.14, 0.3, -1.3, 0.13, False)
+    estimate = Estimate("M_q", -1.4, 0.14, 0.3, -1.3, 0.13, False, 6.2)
     session.updates = [Update(12.0, (), {"longitudinal": (estimate,)}, {}, ())]
     with served("flight", "127.0.0.2", 0) as (page, home):
         assert home.startswith("http://127.0.0.2:")
@@ -409,7 +437,8 @@ def test_the_page_is_shown_to_who_has_its_token_at_the_address_that_was_chosen()
         now = json.loads(_asked(home, f"{page.home}now")[1])
         assert (now["word"], now["kind"], now["stops"]) == ("STOP", "stop", 1)
         assert now["line"] == "de has 0.5 of the effect that is expected (97 % likely)"
-        assert now["derivatives"] == [{"name": "M_q", "error": 10.77, "wanted": 10.0, "reached": False}]
+        assert now["derivatives"] == [{"name": "M_q", "error": 10.77, "wanted": 10.0, "reached": False,
+                                       "more": "in 6 s of such manoeuvres"}]  # fmt: skip
         for path in ("/", "/now", f"{page.home[:-2]}/now", "/x/now"):
             assert _asked(home, path)[0] == 404
         assert _asked(home, host="evil.example")[0] == 421  # a name that its owner lets point here
