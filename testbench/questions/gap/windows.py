@@ -406,7 +406,7 @@ def _surviving(
 ) -> dict[str, FreeStart]:
     """Return the fitted starts, on the way back to those that the first readings told where they end in a limit.
 
-    A model that is far off may be fitted to a beginning by what leads it away after that: four times the thrust.
+    A model that is far off may be fitted to a beginning by what leads it away after that: 80 % more throttle.
     """
     out = dict(fitted)
     there = replace(believed, free_starts=out)

@@ -382,7 +382,7 @@ def test_starts_that_a_poor_model_was_caught_in_are_left_again(believed):
 
 
 def test_a_start_that_fits_the_beginning_and_leaves_the_limits_goes_back_until_it_flies(believed, flown):
-    """A small aircraft from its plan, its aileron yaw 42 times: four times the thrust fitted the first 3 s alone."""
+    """A small aircraft from its plan, its aileron yaw 42 times: 80 % more throttle fitted the first 3 s alone."""
     window = freed(flown, record_key(flown), level(flown))
     key = key_of_start(window)
     told = replace(begin_freely(believed, {"": window}).free_starts[key])
