@@ -142,7 +142,8 @@ class Weights:
     def _log(self) -> dict[tuple[str, str], float]:
         """Return (hypothesis, how) -> ln of its prior times its evidence.
 
-        It is the "whole" story, "alike" to it within the noise, or "imitated" by it beside an unknown motion.
+        It is the "whole" story, "alike" to it within the noise, or "imitated" by it beside an unknown motion, whichever
+        of the two is the larger.
         """
         out = {}
         for name, (log_whole, log_part) in self.logs.items():
@@ -154,11 +155,12 @@ class Weights:
             begins = math.log(math.prod(P_ONSET / e.looks for e in self.effects[name].singles if e.later))
             out[name, "whole"] = math.log(whole) + log_whole + begins
             stranger = math.log(P_STRANGER * P_IMITATED / alike) + begins
-            unseen = within_noise(log_whole - self.logs["nothing"][0])
-            out[name, "alike"] = stranger + math.log(max(unseen, _LEAST)) + log_whole
-            # Beside an unknown motion, which is any force, a term of forces says nothing more.
-            if not any(e.name in self.terms for e in self.effects[name].singles):
-                out[name, "imitated"] = stranger + log_part  # by the mean over sizes, seen or not
+            hidden = math.log(max(within_noise(log_whole - self.logs["nothing"][0]), _LEAST)) + log_whole
+            # The mean over sizes of the unknown motion has those that noise hides, too. Beside that motion, which is
+            # any force, a term of forces says nothing more.
+            term = any(e.name in self.terms for e in self.effects[name].singles)
+            how = "alike" if term or hidden >= log_part else "imitated"
+            out[name, how] = stranger + (hidden if how == "alike" else log_part)
         return out
 
     @cached_property
