@@ -208,7 +208,8 @@ class _Session:
             split, samples = file["split"][:], file["samples"][:]
         labels = self.store.labels()
         sheet = datasheet(self.scenario, self.layout, split, samples, labels, again)
-        self.store.finish(sheet, text_page(f"Data set: {self.scenario.name}", sheet), split)
+        card = partial(croissant, self.scenario, self.layout)
+        self.store.finish(sheet, text_page(f"Data set: {self.scenario.name}", sheet), card, split)
 
 
 def _again(done: Mapping[int, Any]) -> dict[str, int]:
@@ -287,6 +288,50 @@ def datasheet(
         "```python\nimport testbench as tb\n\nflights = tb.open_dataset(\"FOLDER\")\n```\n",
     ]  # fmt: skip
     return "\n".join(p for p in parts if p)
+
+
+_CROISSANT: Mapping[str, Any] = {
+    "@language": "en", "@vocab": "https://schema.org/", "sc": "https://schema.org/", "dct": "http://purl.org/dc/terms/",
+    "cr": "http://mlcommons.org/croissant/", "rai": "http://mlcommons.org/croissant/RAI/",
+    "conformsTo": "dct:conformsTo",
+    **{n: {"@id": f"cr:{n}", "@type": "@json"} for n in ("data", "examples")},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    **{n: f"cr:{n}" for n in (
+        "citeAs", "column", "equivalentProperty", "extract", "field", "fileProperty", "fileObject", "fileSet", "format",
+        "includes", "isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet", "references",
+        "regex", "repeated", "replace", "samplingRate", "separator", "source", "subField", "transform",
+    )},
+}  # fmt: skip
+"""The context of every card of that format: its readers warn of another."""
+
+
+def croissant(scenario: DatasetScenario, layout: Layout, sha256: str) -> str:
+    """Return what catalogues of data sets read, as JSON-LD (MLCommons Croissant 1.0).
+
+    Its record sets name no format that HDF5 is, so that variables stand as schema.org has them.
+
+    Args:
+        scenario: that it was drawn by.
+        layout: of the store.
+        sha256: of the store.
+    """
+    measured = [
+        {"@type": "PropertyValue", "name": v.name, "description": v.words} | ({"unitText": v.unit} if v.unit else {})
+        for v in layout.variables
+    ]
+    what = f"{layout.flights} simulated flights of {layout.draws} draws. {_TASKS[layout.task]}"
+    store = {
+        "@type": "cr:FileObject", "@id": STORE, "name": STORE, "contentUrl": STORE,
+        "contentSize": f"{layout.row_bytes * layout.flights} B", "encodingFormat": "application/x-hdf5",
+        "sha256": sha256,
+    }  # fmt: skip
+    card = {
+        "@context": _CROISSANT, "@type": "sc:Dataset", "name": scenario.title,
+        "description": f"{scenario.question} {what}".strip(), "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "license": scenario.licence, "version": versions()["testbench"], "variableMeasured": measured,
+        "distribution": [store],
+    }  # fmt: skip
+    return json.dumps(card, indent=1, ensure_ascii=False) + "\n"
 
 
 def _channels(scenario: DatasetScenario) -> str:

@@ -15,7 +15,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
 from testbench.questions.dataset.scenario import SPLITS
 
 STORE, TRUTH, ABOUT, SUMS = "flights.h5", "truth_test.h5", "dataset.json", "checksums.sha256"
-SHEET, SHEET_PAGE = "README.md", "README.html"
+SHEET, SHEET_PAGE, CARD = "README.md", "README.html", "croissant.json"
 _HEAD = 1 << 20  # bytes that names and structure take at most
 _FIX = "free space, or give another folder with --out; what is finished is kept"
 _TEST = SPLITS.index("test")
@@ -156,12 +156,13 @@ class Store:
         raw = np.fromfile(self.folder / _WORK / "labels", _record_type(self.layout, self._labels))
         return {v.name: raw[v.name] for v in self._labels}
 
-    def finish(self, sheet: str, page: str, split: Any) -> None:
+    def finish(self, sheet: str, page: str, card: Callable[[str], str], split: Any) -> None:
         """Write the withheld labels, the datasheet and, last, the checksums; then the data set is complete.
 
         Args:
             sheet: text of the datasheet.
             page: the same as HTML.
+            card: SHA-256 of the store -> what catalogues of data sets read.
             split: (flights,) codes.
         """
         withheld = np.flatnonzero(split == _TEST)
@@ -169,8 +170,10 @@ class Store:
         write_file(self.folder / TRUTH, netcdf_bytes(lambda f: _write_truth(f, self.layout, withheld, known)), fix=_FIX)
         write_file(self.folder / SHEET, sheet, fix=_FIX)
         write_file(self.folder / SHEET_PAGE, page, fix=_FIX)
-        sums = "".join(f"{sha256(self.folder / n, 'record')}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET, SHEET_PAGE))
-        write_file(self.folder / SUMS, sums, fix=_FIX)
+        of_store = sha256(self.folder / STORE, "record")
+        write_file(self.folder / CARD, card(of_store), fix=_FIX)
+        others = (f"{sha256(self.folder / n, 'record')}  {n}\n" for n in (TRUTH, ABOUT, SHEET, SHEET_PAGE, CARD))
+        write_file(self.folder / SUMS, f"{of_store}  {STORE}\n" + "".join(others), fix=_FIX)
         shutil.rmtree(self.folder / _WORK, ignore_errors=True)
 
 

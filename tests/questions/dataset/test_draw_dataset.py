@@ -1,5 +1,7 @@
 """Data sets: what is drawn, that a kill and other workers change no byte, splits that do not leak, and refusals."""
 
+import hashlib
+import json
 import os
 import shutil
 import signal
@@ -28,7 +30,15 @@ from testbench.questions.dataset.scenario import DatasetScenario
 from testbench.questions.dataset.store import damaged
 from testbench.sensors.sensor import first_order_lag
 
-FILES = ("flights.h5", "truth_test.h5", "dataset.json", "README.md", "README.html", "checksums.sha256")
+FILES = (
+    "flights.h5",
+    "truth_test.h5",
+    "dataset.json",
+    "README.md",
+    "README.html",
+    "croissant.json",
+    "checksums.sha256",
+)
 
 
 def file_of(folder, text=SMALL):
@@ -209,6 +219,16 @@ def test_samples_are_read_anew_by_other_processes(small):
     readings, _ = train[3]
     assert len(pickle.dumps(train)) < 100_000
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(train))[3][0], readings)
+
+
+def test_catalogues_of_data_sets_read_what_it_is(small):
+    card = json.loads((small / "set" / "croissant.json").read_text(encoding="utf-8"))
+    (store,) = card["distribution"]
+    content = (small / "set" / store["contentUrl"]).read_bytes()
+    assert hashlib.sha256(content).hexdigest() == store["sha256"]
+    assert {v["name"] for v in card["variableMeasured"]} >= {"readings", "truth", "split"}
+    croissant = pytest.importorskip("mlcroissant")  # the library of who wrote the format
+    assert croissant.Dataset(jsonld=str(small / "set" / "croissant.json")).metadata.license
 
 
 def test_checksums_tell_a_changed_byte(small):
