@@ -628,9 +628,8 @@ def named(case: Case) -> dict[str, Any]:
 
 
 def part_is_right(case: Case, row: Mapping[str, Any]) -> bool:
-    """Return whether the truth acts in the parts of what is named and in no others: the event whose probability is
-    stated."""
-    return bool(row["names"]) and case.parts <= parts_said(row["names"])
+    """Return whether all that is named acts in parts in which the truth acts."""
+    return bool(row["names"]) and parts_said(row["names"]) <= case.parts
 
 
 def effect_in_set(case: Case, row: Mapping[str, Any]) -> bool:
