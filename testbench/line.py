@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.advice import Advice, Advised, ranked
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError, Refusal, located
@@ -60,7 +61,7 @@ class Flight:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class Case(Advised):
     """One suite and one estimator: the prepared records, the model and its evaluation."""
 
     suite: str
@@ -75,6 +76,20 @@ class Case:
         """Suite and estimator, in words; of recorded flights, which have no suite to tell apart, the estimator."""
         name = estimator_name(self.estimator)
         return name if self.suite == RECORDED else f"{self.suite}, {name}"
+
+    @property
+    def advice(self) -> tuple[Advice, ...]:  # type: ignore[override]
+        """The model's advice, the worst first; where the truth is known that says what is wrong with the estimates.
+
+        Residuals only suggest how far a cause has moved them.
+        """
+        told, wrong = ranked(self.model.advice), self.evaluation.wrong
+        if wrong is None:
+            return told
+        from testbench.inference.causes import CAUSES
+
+        told = tuple(Advice(a, "doubt", a.code) if a.severity == "wrong" and a.code in CAUSES else a for a in told)
+        return ranked([*([Advice("; ".join(wrong), "wrong", "truth")] if wrong else []), *told])
 
 
 class AsksToIdentify(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,8 @@ AS_SMALL = 1.5
 CLOSE_WN_PERCENT = 5.0
 CLOSE_ZETA = 0.05
 CLOSE_DB = 1.0
+WRONG_PERCENT, WRONG_ERRORS = 10.0, 4.0
+"""Error of an excited mode or a parameter, and of a parameter in standard errors as well, beyond which it is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,7 @@ class TrueSystem:
         omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
             are left out.
         parameters: parameter name -> true value, for models with named parameters; None if none is known.
+        excited: names of the modes that the records show; all of them if None.
 
     Example:
         >>> import testbench as tb
@@ -84,6 +87,7 @@ class TrueSystem:
     response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None
     omega: FloatArray | None = None
     parameters: Mapping[str, float] | None = None
+    excited: Collection[str] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +103,7 @@ class Evaluation:
         omega_rad_s: frequencies that were compared: those asked for, up to the model's Nyquist frequency.
         unstable: poles of the model with positive real part, rad/s, upper half plane.
         parameters: of a model with named parameters; empty for others.
+        excited: names of the modes that the records show; all if None.
     """
 
     outputs: tuple[str, ...]
@@ -109,6 +114,35 @@ class Evaluation:
     omega_rad_s: FloatArray | None = None
     unstable: tuple[complex, ...] = ()
     parameters: tuple[ParameterEstimate, ...] = ()
+    excited: Collection[str] | None = None
+
+    @property
+    def wrong(self) -> tuple[str, ...] | None:
+        """What the truth shows to be wrong, in words; None where it is not known.
+
+        Of parameters with standard errors those that are off by more than ``WRONG_PERCENT`` and ``WRONG_ERRORS`` of
+        them; of other models the excited modes that are not found or off by more than ``WRONG_PERCENT``.
+        """
+        known = [(p, p.deviations, p.value / p.true - 1.0) for p in self.parameters if p.free and p.true]
+        stated = [(p.name, abs(errors), 100.0 * abs(off)) for p, errors, off in known if errors is not None]
+        if stated:
+            return tuple(
+                f"{name} is {off:.0f} % off, {errors:.2g} of its standard errors"
+                for name, errors, off in stated
+                if off > WRONG_PERCENT and errors > WRONG_ERRORS
+            )
+        from testbench.evaluation.modes import words_of
+
+        best: dict[str, PoleMatch] = {}
+        for m in self.poles:  # a mode is found if the poles of any output have it
+            if m.true and (self.excited is None or m.name in self.excited):
+                best[m.name] = min(best.get(m.name, m), m, key=lambda match: match.off)
+        far = [m for m in best.values() if 100.0 * m.off > WRONG_PERCENT]
+        if not best:
+            return None
+        return tuple(
+            f"{words_of(m.name)} is {'not found' if m.found is None else f'{100.0 * m.off:.0f} % off'}" for m in far
+        )
 
     @property
     def untested(self) -> tuple[str, ...]:
@@ -195,6 +229,7 @@ def evaluate(
         omega_rad_s=compared,
         unstable=tuple(sorted(unstable, key=abs)),
         parameters=_parameters(model, truth.parameters),
+        excited=truth.excited,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -240,6 +241,19 @@ class PoleMatch:
     wn_error_percent: float | None  # 100 (|found| / |true| - 1), or None
     zeta_error: float | None  # damping ratio found minus true, or None
     outputs: str = ""  # the outputs whose poles were searched
+
+    @property
+    def off(self) -> float:
+        """Distance of the pole that was found from the true one, relative to that; infinite where none was."""
+        return math.inf if self.found is None else abs(self.found - self.true) / abs(self.true)
+
+
+def words_of(quantity: str) -> str:
+    """Return "the fast root of the short period", "the phugoid" or "the prediction of V, q"."""
+    name, _, root = quantity.partition(", ")
+    if root.endswith(" root"):
+        return f"the {root} of the {name}"
+    return f"the {quantity}" if " " in quantity or quantity == "phugoid" else quantity
 
 
 def match_poles(found: ArrayLike, true: Mapping[str, complex], outputs: str = "") -> list[PoleMatch]:

@@ -142,7 +142,8 @@ def told_of(truth: Truth, model: IdentifiedModel, records: Sequence[FlightRecord
     if structure is not None:
         derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
         known = true_parameters(structure.meaning, derivatives, truth.trimmed.condition.V_m_s)
-    return TrueSystem(_possible(truth, structure), response, omega, known)
+    shown = {e.mode for e in truth.excitation if e.excited} if truth.excitation else None
+    return TrueSystem(_possible(truth, structure), response, omega, known, shown)
 
 
 def _possible(truth: Truth, structure: Any) -> dict[str, complex]:

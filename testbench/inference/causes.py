@@ -428,8 +428,9 @@ def named(model: IdentifiedModel, records: list[FlightRecord]) -> list[Found]:
             fit = found
         else:
             base, terms = best, {}
-    share, shift = _explained(start, fit), _shift(model, base, fit)
-    gone = np.hstack(start.left) - np.hstack(fit.left)
+    counts = [settled(g, samples_lost(given.left)) for g in given.good]  # of others no regression knows what is left
+    before, after = (np.hstack([v[:, c] for v, c in zip(r.left, counts, strict=True)]) for r in (start, fit))
+    share, shift, gone = _explained(before, after), _shift(model, base, fit), before - after
     motion = np.var(np.vstack([r.columns(model.outputs) for r in records]), axis=0)
     of_motion = float(np.sqrt(np.max(np.mean(gone**2, axis=1) / np.where(motion > 0.0, motion, np.inf))))
     out: list[Found] = []
@@ -640,10 +641,10 @@ def _as_designed(record: FlightRecord) -> float:
     return float(told.get(AS_DESIGNED, told.get("recorded", {}).get(AS_DESIGNED, 0.0)))
 
 
-def _explained(start: Regression, fit: Regression) -> float:
-    """Return the share of the squared residuals of all outputs that a regression explains of those of another."""
-    before, after = (np.sum(np.hstack(r.left) ** 2, axis=1) for r in (start, fit))
-    return 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
+def _explained(before: FloatArray, after: FloatArray) -> float:
+    """Return the share of the squared residuals (p, N) of all outputs that a regression explains."""
+    first, rest = (np.sum(v**2, axis=1) for v in (before, after))
+    return 1.0 - float(np.mean(rest / np.where(first > 0.0, first, 1.0)))
 
 
 def _coloured(best: Flown, fit: Regression) -> Found | None:

@@ -8,6 +8,7 @@ on other columns X: generalised least squares with autoregressive noise.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -286,17 +287,23 @@ def settled(good: NDArray[np.bool_], lost: int) -> NDArray[np.bool_]:
 def whitened(
     noise: Autoregression, good: Sequence[NDArray[np.bool_]], signals: Sequence[FloatArray], lost: int
 ) -> FloatArray:
-    """Return signals (p, N, d), one per record, as white (rows, d), the outputs of a sample together."""
-    p = len(noise.S)
+    """Return signals (p, N, d), one per record, as white (rows, d), the outputs of a sample together.
+
+    What has died away before the first sample that counts is zero.
+    """
+    p, d = len(noise.S), signals[0].shape[2]
     inverse = np.linalg.inv(np.linalg.cholesky(noise.S + 1e-12 * np.trace(noise.S) * np.eye(p)))
-    out = []
+    out, whole, here = [], np.zeros(d), np.zeros(d)
     for x, g in zip(signals, good, strict=True):
+        counts = settled(g, lost)
+        whole += np.sum(x**2, axis=(0, 1))
+        here += np.sum(x[:, counts] ** 2, axis=(0, 1))
         e = x.copy()
         for j, A in enumerate(noise.A, start=1):
             e[:, j:] -= np.tensordot(A, x[:, :-j], 1)
-        e = np.tensordot(inverse, e[:, settled(g, lost)], 1)
-        out.append(e.transpose(1, 0, 2).reshape(e.shape[0] * e.shape[1], x.shape[2]))
-    return np.vstack(out)
+        e = np.tensordot(inverse, e[:, counts], 1)
+        out.append(e.transpose(1, 0, 2).reshape(e.shape[0] * e.shape[1], d))
+    return np.vstack(out) * (here > _DEPENDENT**2 * whole)
 
 
 def regress(at: Flown, columns: Sequence[FloatArray], twice: bool = False) -> Regression:
@@ -326,12 +333,14 @@ def plainly(
 
 def _in_turns(at: Flown, columns: Sequence[FloatArray], left: Sequence[FloatArray]) -> Regression:
     p, lost, width, criterion = len(at.left[0]), samples_lost(at.left), columns[0].shape[2], np.inf
+    longest = max(len(g) for g in at.good)
     if sum(int(settled(g, lost).sum()) for g in at.good) <= width:
         raise EstimationError(
             "residuals of coloured noise need samples of all outputs one after the other, got too few"
         )
     for _ in range(_ROUNDS):
-        noise = autoregression([r.T for r in left], lost)
+        # Noise does not grow: else it would explain all that a model leaves that diverges.
+        noise = autoregression([r.T for r in left], lost).damped(math.exp(-1.0 / longest))
         e = whitened(noise, at.good, [v[:, :, None] for v in at.left], lost)[:, 0]
         Z = whitened(noise, at.good, columns, lost)
         b, std = solved(Z, e)

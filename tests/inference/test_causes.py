@@ -394,3 +394,14 @@ def test_what_an_initial_state_takes_up_is_among_the_nuisances(method):
     Z = columns.reshape(-1, columns.shape[2])
     b, _ = solved(Z, taken[:, 0])
     np.testing.assert_allclose(Z @ b, taken[:, 0], atol=1e-6 * np.abs(taken).max())
+
+
+def test_what_has_died_away_before_the_samples_that_count_has_no_coefficient():
+    """A state as fast as a delay's filter is gone within a sample: it took up noise with a coefficient of 1e30."""
+    noise = Autoregression(np.zeros((0, 1, 1)), np.eye(1))
+    left = np.random.default_rng(0).standard_normal((1, 60))
+    X = np.stack([np.exp(-7.0 * np.arange(60.0)), np.ones(60)], axis=1)[None]
+    good = [np.ones(60, bool)]
+    b, std = solved(whitened(noise, good, [X], 10), whitened(noise, good, [left[:, :, None]], 10)[:, 0])
+    assert b[0] == std[0] == 0.0
+    assert b[1] == pytest.approx(left[0, 10:].mean())

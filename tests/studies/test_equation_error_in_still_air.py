@@ -26,7 +26,7 @@ def of_seeds(name):
     off, errors, untold = [], [], 0
     for seed in range(SEEDS):
         model = equation_error.estimate(_noisy(clean, std, seed), structure, EquationError(held=("de",)))
-        untold += any("half or more of what decides" in a for a in model.advice)
+        untold += any("half or more of the information" in a for a in model.advice)
         off.append([model.values[n] - values[n] for n in NAMES])
         errors.append([model.standard_errors[n] for n in NAMES])
     share = np.mean(off, axis=0) / np.array([values[n] for n in NAMES])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.core.advice import Advice, ranked
+from testbench.core.advice import Advice
 from testbench.page.words import Line, advice_lines, counted, sentence, some
 from testbench.questions.run.labels import case_names, failed_sentences
 from testbench.questions.run.tables import reference_tables
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run; verdicts if there are none.
 
-    What must not be used stands right after the first of them, in one sentence if there are several reasons, which then
-    come after the last; then doubts, and then notes. Implausible
-    values come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
+    What must not be used stands right after the first of them, in one sentence and the first reason if there are
+    several, of which the others come after the last; then doubts, and then notes. Implausible values come first among
+    the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
     with the models, only the number of the others is given.
     """
     told = result.findings[len(result.questions) :]
@@ -37,8 +37,8 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
         doubts = [*doubts[:most_doubts], Line("doubt", text)]
     lines = [Line("lead" if i == 0 else "finding", text) for i, text in enumerate(found)]
     worst = [line for line in doubts if line.kind == "wrong"]
-    lines[1:1] = [_unusable(result)] if len(worst) > 1 else worst
-    lines += worst if len(worst) > 1 else []
+    lines[1:1] = [_unusable(result), worst[0]] if len(worst) > 1 else worst
+    lines += worst[1:]
     lines += [Line("doubt", text) for text in failed_sentences(result.failed)]
     lines += [Line("doubt", text) for text in result.questions]
     lines += [line for line in doubts if line.kind != "wrong"]
@@ -50,7 +50,7 @@ def _unusable(result: RunResult) -> Line:
     good: list[str] = []
     bad: list[str] = []
     for name, case in zip(case_names(result.cases), result.cases, strict=True):
-        (bad if any(a.severity == "wrong" for a in ranked(case.model.advice)) else good).append(name)
+        (bad if any(a.severity == "wrong" for a in case.advice) else good).append(name)
     if not good:
         which = "the model" if len(bad) == 1 else f"any of the {len(bad)} models"
         return Line("wrong", f"do not use {which}: the reasons follow")
@@ -62,7 +62,7 @@ def _notes(result: RunResult) -> list[Line]:
     """Return each note once, with the models that it holds for; all of them need no names."""
     about: dict[str, list[str]] = {}
     for case in result.cases:
-        for advice in dict.fromkeys(ranked(case.model.advice)):
+        for advice in dict.fromkeys(case.advice):
             if advice.severity == "note":
                 about.setdefault(advice, []).append(case.label)
     everywhere = len(result.cases)

@@ -14,12 +14,12 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.excitation import EXCITED_DB
 from testbench.evaluation.metrics import mrse_mean
+from testbench.evaluation.modes import words_of
 from testbench.inputs.signal import energy_spectrum, frequency_below
 from testbench.page import figure as fig
 from testbench.page.explore import View
 from testbench.page.labels import axis_label, number, ratio_unit, shown_unit, symbol
 from testbench.questions.run.labels import case_names, elastic_names, outputs_of
-from testbench.questions.run.seeds_answer import words_of
 from testbench.questions.run.tables import printed_poles
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.stats import binom
 
-from testbench.core.advice import ranked
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.modes import frequency_and_damping, frequency_of, roots_of
@@ -94,7 +93,7 @@ class RunResult(Shown, page="testbench.questions.run.page:run_page"):
             out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)
             out += [e.sentence for e in self.truth.excitation]
         for case in self.cases:
-            out += [a.about(case.label) for a in ranked(case.model.advice) if a.severity != "note"]
+            out += [a.about(case.label) for a in case.advice if a.severity != "note"]
         return tuple(out)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from testbench.evaluation.modes import words_of
 from testbench.evaluation.statistics import Interval
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table, Value
@@ -49,14 +50,6 @@ def seeds_in_short(repeats: Repeats) -> Table:
 
 
 # --- in words ---------------------------------------------------------------------------------------------------------
-
-
-def words_of(quantity: str) -> str:
-    """Return "the fast root of the short period", "the phugoid" or "the prediction of V, q"."""
-    name, _, root = quantity.partition(", ")
-    if root.endswith(" root"):
-        return f"the {root} of the {name}"
-    return f"the {quantity}" if " " in quantity or quantity == "phugoid" else quantity
 
 
 def seeds_findings(repeats: Repeats, channels: Mapping[str, Sequence[str]]) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from questions.conftest import MODES
 from rich.console import Console
 
 from testbench.core.advice import doubt, note, wrong
@@ -37,6 +38,8 @@ from testbench.questions.run.tables import (
 )
 
 pytestmark = pytest.mark.drawn
+FOUND = {"claimed": {"q": [s for pole in MODES.values() for s in (pole, pole.conjugate())]}}
+"""Poles of a model that has every mode."""
 
 
 def column(table: Table, key: str) -> list:
@@ -273,7 +276,7 @@ def test_doubts_come_last_and_apart(result) -> None:
 
 
 def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
-    many = make_case("eolo_alpha", ("q",), result.flights, 0.1, advice=tuple(f"doubt {i}" for i in range(9)))
+    many = make_case("eolo_alpha", ("q",), result.flights, 0.1, advice=tuple(f"doubt {i}" for i in range(9)), **FOUND)
     lines = run_answer(replace(result, cases=(many,)), most_doubts=3)
     doubts = [line.text for line in lines if line.kind == "doubt"]
     assert len(doubts) == 4
@@ -283,12 +286,12 @@ def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
 def test_what_must_not_be_used_stands_first_and_notes_leave_the_answer(make_case, result) -> None:
     advice = (note("structure_not_judged", "give more."), doubt("delay", "it is late."), wrong("on_bound", "a bound."))
     cases = tuple(
-        make_case(name, ("q",), result.flights, 0.1, advice=advice) for name in ("eolo_no_alpha", "eolo_alpha")
+        make_case(name, ("q",), result.flights, 0.1, advice=advice, **FOUND) for name in ("eolo_no_alpha", "eolo_alpha")
     )
     found = replace(result, cases=cases)
     lines = run_answer(found)
     kinds = [line.kind for line in lines]
-    assert kinds[:2] == ["lead", "wrong"]
+    assert kinds[:3] == ["lead", "wrong", "wrong"]  # the verdict, and the first reason with it
     assert kinds.count("wrong") == 3  # in one sentence, and the reason of each
     assert kinds[-3:] == ["doubt", "doubt", "note"]
     assert lines[1].text == "Do not use any of the 2 models: the reasons follow."
@@ -303,6 +306,21 @@ def test_what_must_not_be_used_stands_first_and_notes_leave_the_answer(make_case
     assert page.count("Give more.") == 1
     assert page.index("Give more.") > page.index('<h2 id="notes">Notes</h2>') > page.index('id="models"')
     assert '<span class="status-wrong">do not use</span>' in page
+
+
+def test_where_the_truth_is_known_it_says_what_is_wrong(make_case, result) -> None:
+    bent = (wrong("bend", "the response is nonlinear in q, and it shifts a pole by some 94 %."),)
+    right = make_case("eolo_alpha", ("q",), result.flights, 0.1, advice=bent, **FOUND)
+    assert [(a.severity, a.code) for a in right.advice] == [("doubt", "bend")]
+    slow = [*FOUND["claimed"]["q"][2:], -0.02 + 0.8j, -0.02 - 0.8j]
+    lost = make_case("eolo_no_alpha", ("q",), result.flights, 0.1, advice=bent, claimed={"q": slow})
+    assert (lost.advice[0].severity, str(lost.advice[0])) == ("wrong", "the phugoid is 60 % off")
+    assert lost.advice[1].severity == "doubt"
+    alone = replace(right, evaluation=replace(right.evaluation, poles=()))  # a recorded flight has residuals alone
+    assert alone.advice == right.model.advice
+    lines = run_answer(replace(result, cases=(right, lost)))
+    assert any("Do not use: eolo_no_alpha, dsr_e: the phugoid is 60" in line.text for line in lines)
+    assert not any("Do not use: eolo_alpha" in line.text for line in lines)
 
 
 def test_without_findings_the_verdicts_answer(make_result) -> None:
