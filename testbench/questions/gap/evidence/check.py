@@ -21,7 +21,7 @@ from testbench.inference.instruments import Agreement, agreement, without_errors
 from testbench.logs.plausible import questions_of, refusal
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.commanded import MOVED, commands
+from testbench.questions.gap.evidence.commanded import MOVED, commands, starts_freely
 from testbench.sensors import SensorSuite
 
 _ABOUT = {"de": ("q", ("V", "alpha", "q")), "da": ("p", ("beta", "p", "r")), "dr": ("r", ("beta", "p", "r"))}
@@ -71,8 +71,9 @@ def check_signs(believed: Believed, records: Mapping[str, FlightRecord]) -> None
 def turned(believed: Believed, records: Sequence[FlightRecord]) -> list[Turned]:
     """Return what records say of each control that moves, whose rate they hold.
 
-    The derivative of a rate is regressed on motion and commands, in the records and in the believed model's linear
-    response to the same commands: what servos, filters and smoothing do to such a slope, they do to both.
+    The derivative of a rate is regressed on motion and commands, in the records and in the believed model's response to
+    the same commands: what servos, limits, filters and smoothing do to such a slope, they do to both. The response is
+    flown; where the model leaves its limits, as it may without the hands of the pilot, it is the linear one from rest.
     """
     out = []
     for control, (rate, motion) in _ABOUT.items():
@@ -82,15 +83,21 @@ def turned(believed: Believed, records: Sequence[FlightRecord]) -> list[Turned]:
         if not parts:
             continue
         measured = _slope([(r, {n: r[n] for n in (*known, rate)}) for r, _ in parts], control, rate, known)
-        response = [(r, {n: y for n, y in _moved(there, r).items() if n in (*known, rate)}) for r, there in parts]
+        response = [(r, _moved(there, r, (*known, rate))) for r, there in parts]
         model = _slope(response, control, rate, known)
         if model[0] != 0.0:
             out.append(Turned(control, measured[0] / model[0], measured[1] / abs(model[0])))
     return out
 
 
-def _moved(there: Believed, record: FlightRecord) -> dict[str, FloatArray]:
-    """Return the linear response of the model to the commands of a record, from rest: output -> (n,)."""
+def _moved(there: Believed, record: FlightRecord, wanted: Sequence[str]) -> Mapping[str, FloatArray]:
+    """Return the response of the model to the commands of a record: output -> (n,)."""
+    if not starts_freely(record):
+        try:
+            truth = there.flown(record, tuple(dict.fromkeys(wanted)))
+            return {n: truth[n] for n in wanted}
+        except Refusal:
+            pass
     names, u = commands(record)
     model = there.linear
     inputs = [n if n == "thr" else f"{n}_cmd" for n in names]
@@ -98,7 +105,7 @@ def _moved(there: Believed, record: FlightRecord) -> dict[str, FloatArray]:
     columns = [model.inputs.index(n) for n in inputs if n in model.inputs]
     (x,) = driven(model.A, model.B[:, columns], [u], record.dt_s)
     y = x @ model.C.T + u @ model.D[:, columns].T
-    return dict(zip(model.outputs, y.T, strict=True))
+    return {n: y[:, model.outputs.index(n)] for n in wanted}
 
 
 def _slope(
