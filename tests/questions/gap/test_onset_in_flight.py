@@ -66,7 +66,7 @@ def test_half_the_elevator_from_six_seconds_on_is_named_and_dated(found):
     assert found.naming.names[0] == f"surface_scale{onset.LATER}", found.naming.sentence
     best = found.naming.best
     assert best.values["scale"] == pytest.approx(0.5, abs=4.0 * best.errors["scale"])
-    assert best.probability > 0.9
+    assert best.probability + best.imitates > 0.98  # of all else that is known; it may imitate what is not
     assert any("s of 'doublets' on" in s for s in found.sentences)
 
 
