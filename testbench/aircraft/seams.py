@@ -32,7 +32,8 @@ FED_BACK = {
 SERVO_RAD_S = 100.0
 """Corner frequency of the servo that a stabiliser works through in an aircraft that has none."""
 _UPSTREAM = 4  # between the recorded command and the servo
-_SHORTEST_S = 0.005  # lag that a linear model still tells from none
+SHORTEST_S = 0.005
+"""Lag that a linear model still distinguishes from none."""
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 _IN_M = FT_M / 12.0
@@ -340,7 +341,7 @@ def _towards(name: str, past: str, rise: str) -> str:
 
 def corner(time_s: float) -> float:
     """Return the corner frequency of a lag, rad/s; lags of no more than a few frames have one that is far off."""
-    return 1.0 / max(time_s, _SHORTEST_S)
+    return 1.0 / max(time_s, SHORTEST_S)
 
 
 def component(output: str, term: str) -> str:

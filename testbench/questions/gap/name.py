@@ -15,6 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.aircraft.seams import SHORTEST_S
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.effects import Effect, left_out, library
 from testbench.effects import Parameter as EffectParameter
@@ -721,4 +722,6 @@ def size_of(name: str, parameter: EffectParameter, value: float) -> Parameter:
         mean = float(np.mean(parameter.starts))
         std = max(float(np.ptp(parameter.starts)), 0.5 * abs(mean), 0.1 * (high - low))
     step = 1e-3 * max(abs(value), 1e-2 * std)
+    if parameter.unit == "s" and parameter.low == parameter.none == 0.0:
+        step = max(step, SHORTEST_S)  # a lag within a frame changes nothing, and its slope there would be none
     return Parameter(name, "effect", min(max(mean, low), high), std, parameter.unit, low, high, step)
