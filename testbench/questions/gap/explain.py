@@ -41,6 +41,7 @@ P_IMITATED = 0.5  # that something which the library lacks is imitated, better t
 P_IN_PART = 0.41  # that it then acts in the same part: 35 of 86 calls of the blind test that named nothing
 FORMS = (0.003, 1.0 / 3.0)  # between which the relative error of what imitates lies, log-uniform
 _LEAST = 1e-300  # of which a logarithm is taken
+LACKING = "something that the library lacks"
 SAID = 0.01  # probability from which an explanation is spoken of
 _TOLD, _SURE = 4, 0.9999  # explanations, while others are sought, none of which is told to be more probable
 IMITATES = 0.1  # share of what the library lacks from which an effect is said to imitate it
@@ -357,10 +358,7 @@ class Naming:
             if self.outcome == "no gap":
                 out = f"no gap: coefficients within their priors and noise explain the records, probability {sure}"
             else:
-                out = (
-                    "unexplained: something that the library lacks and that no effect of it imitates, probability "
-                    f"{sure}"
-                )
+                out = f"unexplained: {LACKING} and that no effect of it imitates, probability {sure}"
             return f"{out}; re-tuned, times the a-priori value: {', '.join(off)}" if off else out
         far = self._strained(best) or (off if self.outcome == "partial" else [])
         beside = f", with {', '.join(far)} times the a-priori value" if far else ""
@@ -370,16 +368,18 @@ class Naming:
             return f"{what}; probability {percent(best.probability)}{explained}"
         if self.outcome == "partial":
             return (
-                f"unexplained as a whole: something that the library lacks, probability {percent(w.unknown)}; the "
+                f"unexplained as a whole: {LACKING}, probability {percent(w.unknown)}; the "
                 f"nearest effect is {what}{explained}. It is added as a partial model: {100.0 * best.kappa:.2g} % of "
                 "the motion is still needed in addition"
             )
         named = [f for f in self.ranking if f.effect.name in self.names]
-        told = "; or ".join(f"{f.effect.title}, {f.size} ({percent(f.probability)})" for f in named)
-        others = [f"nothing {percent(w.nothing)}"] if w.nothing >= SAID else []
-        others += [f"something that the library lacks {percent(w.unknown)}"] if w.unknown >= SAID else []
-        head = "one of these, which these data do not separate" if len(named) > 1 else "probably"
-        return f"{head}: {'; or '.join([told, *others])}{beside}. To separate them: {best.effect.separated_by}"
+        among = [(f.effect.title, f.probability) for f in named]
+        among += [(what, p) for what, p in (("nothing", w.nothing), (LACKING, w.unknown)) if p >= SAID]
+        *most, last = (f"{what} ({percent(p)})" for what, p in among)
+        head = "these data do not separate" if len(named) > 1 else "probably:"
+        sizes = "; ".join(f"{f.effect.title}: {f.size}" for f in named)
+        told = f"{', '.join(most)} or {last}" if most else last
+        return f"{head} {told}; {sizes}{beside}. To separate them: {best.effect.separated_by}"
 
     @property
     def probabilities(self) -> str:
@@ -394,7 +394,7 @@ class Naming:
         return (
             "probabilities, noise and coefficients being unknown: "
             + "; ".join([*said, f"nothing {percent(w.nothing)}"])
-            + f"; something that the library lacks {percent(w.unknown)}"
+            + f"; {LACKING} {percent(w.unknown)}"
             + (f", which {' or '.join(near)} imitates" if near else "")
         )
 
