@@ -110,7 +110,8 @@ def ended_by_signals() -> Generator[list[int], None, None]:
     def again() -> None:
         with once:
             if not over.is_set():
-                signal.raise_signal(signal.SIGINT)
+                # A process in the background of a shell ignores SIGINT: the signal that came comes again.
+                signal.raise_signal(came[-1] if came else signal.SIGINT)
 
     def unheard(said: Any) -> None:
         if isinstance(said.exc_value, KeyboardInterrupt):

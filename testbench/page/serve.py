@@ -105,7 +105,7 @@ class Server(ThreadingHTTPServer):
             return
         try:
             super().process_request(request, client_address)
-        except BaseException:
+        except Exception:  # no thread was started; an interrupt may come as late as when one has made room already
             self._room.release()
             raise
 
